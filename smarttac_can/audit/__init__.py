@@ -1,4 +1,4 @@
-"""Results checked by somebody who did not make them: rows of the fault matrix against its log."""
+"""Independent check of results: the rows of the fault matrix against its log."""
 
 from smarttac_can.audit.fault_rows import DifferenceError, verify_rows
 

@@ -1,6 +1,6 @@
-"""Rows of the fault matrix recomputed from the log of its frames, and compared.
+"""Rows of the fault matrix, recomputed from the log of its frames and compared.
 
-Of a row nothing is believed but its name, its mode, and when the fault came.
+Only the name, the mode, and the time of the fault are taken from a row without a check.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ from smarttac_can.vocabulary.states import Mode, State, Status, known_state
 
 NOT_SHOWN: Final = {
     "cycles_to_zero": (
-        # No frame of the plate passes; more SYNCs than its time has room for; no plate that acts.
+        # Frames of the plate do not pass; SYNCs exceed its time; the plate does not act.
         "a node babbles",
         "SYNC twice a cycle",
         "plate paused for 2 s",
     ),
     "held": (
-        # What the plate had to send meanwhile comes when the way is free again.
+        # The plate sends the waiting frames when the bus is free again.
         "a node babbles",
     ),
     "state_after": (
-        # A stimulator that is not OPERATIONAL, or is not heard, publishes no statusword.
+        # A stimulator that is not OPERATIONAL, or is off the bus, publishes no statusword.
         "NMT stop",
         "NMT pre-operational",
         "NMT reset node",
@@ -57,44 +57,42 @@ NOT_SHOWN: Final = {
         "stimulator paused for 2 s",
     ),
 }
-"""Faults of which the log does not show a field, by the field."""
+"""By field: faults for which the log does not show the field."""
 _LONGEST_S: Final = 1e9
 _RUN_CYCLES: Final = 400
-"""A run that goes on has done so for that long; an identification ends by itself soon after."""
+"""Least cycles of a run that goes on; an identification ends by itself soon after."""
 LEAST_HOLD: Final = 200
-"""Cycles at 0 V, which the log leaves out, that are enough to tell its parts."""
+"""Least cycles at 0 V, omitted from the log, by which its parts are separated."""
 _MODES: Final = {
     **{mode.name.lower(): mode for mode in Mode},
     "friction_predictive": Mode.FRICTION,
 }
-"""Modes by what rows call them; the last is under other laws, of which no frame tells."""
+"""Modes by their names in rows; no frame shows the other laws of the last one."""
 _NMT_BYTES: Final = 2
 _WENT_OFF: Final = (EmergencyCode.RPDO_TIME_OUT, FaultCode.VOLTAGE, FaultCode.STAGE)
-"""Emergencies that a plate sends when it goes to 0 V by itself between two SYNCs."""
+"""Emergencies of a plate that goes to 0 V by itself between two SYNCs."""
 _SYNC_LATE_US: Final = 1900
-"""A SYNC may be late by as much as frames hold the bus; one that is later is not the next."""
+"""Longest period of SYNC in us, with other frames on the bus; a longer one means a lost SYNC."""
 Stamped = tuple[int, Frame]
 """A frame with its time stamp in us."""
 _SILENCE_US: Final = 120_000
-"""A heartbeat comes every 100 ms: a log that is silent for longer leaves something out."""
+"""Longest silence in us within a part of a log, as a heartbeat comes every 100 ms."""
 
 
 class DifferenceError(ValueError):
-    """What a row says is not what the log shows."""
+    """A row differs from the log."""
 
 
 class Verified(NamedTuple):
-    """How much was compared."""
+    """Extent of a comparison."""
 
     rows: int
     fields: int
     not_shown: int
-    """Fields of rows that the log does not show."""
+    """Number of fields that the log does not show."""
 
 
 class _Claim(NamedTuple):
-    """What is taken from a row, and the row for comparison."""
-
     number: int
     fault: str
     mode: Mode
@@ -109,24 +107,24 @@ class _Claim(NamedTuple):
 def verify_rows(
     frames: Iterable[Stamped], rows: object, stimulator: ObjectDictionary, plate: ObjectDictionary
 ) -> Verified:
-    """Recompute rows from a log and compare.
+    """Recompute the rows of a fault matrix from its log and compare.
 
     Parameters
     ----------
     frames
-        The log: time stamps in us and frames.
+        Frames of the log, with time stamps in us.
     rows
-        The rows as JSON has them.
+        Rows from JSON.
     stimulator, plate
-        The EDS files, loaded for their node-IDs.
+        Object dictionaries, loaded for their node-IDs.
 
     Raises
     ------
     DifferenceError
-        At the first difference, with row, field and both values; where the log lacks what a row
-        needs; and if a fault took longer than its bound.
+        At the first difference, with row, field and both values; also if the log lacks data for a
+        row, or a fault took longer than its bound.
     ValueError
-        If the rows are none, or the log is out of order.
+        If `rows` is not a list of rows, or the log is out of order.
     """
     claims = _claims(rows)
     _require_hold(claims)
@@ -157,16 +155,16 @@ def verify_rows(
 
 
 class _Shown:
-    """What a log shows of one fault.
+    """The fields of one fault, computed from its log.
 
     Parameters
     ----------
     claim
-        Name, mode and time.
+        Name, mode and time of the fault.
     signs
-        What its frames show.
+        Decoder of the frames.
     fault, recovery
-        The frames around the fault, and those of the recovery.
+        Frames around the fault, and those of the recovery.
     """
 
     def __init__(
@@ -203,12 +201,12 @@ class _Shown:
         }
 
     def _held(self) -> bool:
-        """Whether the stage is still at 0 V when the log goes on."""
+        """Return whether the stage is still at 0 V when the log goes on."""
         signs = (self._signs.driven(frame) for _, frame in self._recovery)
         return next((driven for driven in signs if driven is not None), None) is False
 
     def _recovered(self) -> bool:
-        """Whether a run in the same mode goes on to the end, for long enough, with a voltage."""
+        """Return whether a run in the same mode lasts to the end, long enough, with a voltage."""
         signs, frames = self._signs, self._recovery
         cycles = 0
         for _, frame in reversed(frames):
@@ -223,7 +221,7 @@ class _Shown:
         )
 
     def _require_stage(self) -> None:
-        """Refuse a log without the stage in each cycle that has to show it."""
+        """Refuse a log that does not show the stage in each cycle that must show it."""
         signs = self._signs
         drive: int | None = None
         shown = True
@@ -245,7 +243,7 @@ class _Shown:
             shown = self._follow_sync(time, frame, shown)
 
     def _follow_sync(self, time: int, frame: Frame, shown: bool) -> bool:
-        """Return whether the stage was shown since the last SYNC."""
+        """Return whether the log has shown the stage since the last SYNC."""
         if frame.can_id != SYNC_ID:
             return shown or self._signs.stage.read(frame) is not None
         if not shown:
@@ -256,12 +254,12 @@ class _Shown:
 
 
 def _claims(rows: object) -> list[_Claim]:
-    """Take name, mode and time from rows.
+    """Return name, mode and time of each row.
 
     Raises
     ------
     ValueError
-        If one of them is missing, or makes no sense.
+        If one of them is missing or invalid.
     """
     if not isinstance(rows, list) or not rows:
         raise ValueError("there is no list of rows")
@@ -283,7 +281,7 @@ def _claims(rows: object) -> list[_Claim]:
 
 
 def _require_hold(claims: list[_Claim]) -> None:
-    """Refuse rows of a short hold: their log does not show where the recovery begins."""
+    """Refuse rows with a short hold: their log does not show where the recovery begins."""
     for claim in claims:
         cycles = claim.row.get("cycles_at_zero")
         if claim.row.get("held") is True and isinstance(cycles, int) and cycles < LEAST_HOLD:
@@ -294,7 +292,7 @@ def _require_hold(claims: list[_Claim]) -> None:
 
 
 def _require_bound(claim: _Claim, cycles: object) -> None:
-    """Refuse a fault that was detected too late, by the log; the row says only when that is."""
+    """Refuse a fault that was detected too late by the log; the row gives only the bound."""
     bound = claim.row.get("detection_bound_cycles", "missing")
     if type(bound) is not int:
         raise claim.differs(f"detection_bound_cycles is {_as_text(bound)}, no number of cycles")
@@ -312,12 +310,12 @@ def _as_text(value: object) -> str:
 
 
 class Signs:
-    """Who has the power stage, and in which frames the log shows it.
+    """Decodes which frames show the power stage of plate or stimulator.
 
     Parameters
     ----------
     stimulator, plate
-        The EDS files, loaded for their node-IDs.
+        Object dictionaries, loaded for their node-IDs.
     inside
         Whether the plate is inside the stimulator.
     """
@@ -345,14 +343,14 @@ class Signs:
         return int.from_bytes(frame.data[:2], "little")
 
     def gone(self, frame: Frame) -> bool:
-        """Whether a frame shows that who has the stage is not OPERATIONAL, and so at 0 V."""
+        """Return whether a frame shows that the stage's owner is not OPERATIONAL, so at 0 V."""
         if frame.can_id == NMT_ID and len(frame.data) == _NMT_BYTES:
             command, node_id = frame.data
             return command != NMTCommand.START and node_id in (0, self.owner)
         return frame.can_id == HEARTBEAT_ID + self.owner and frame.data == BOOT_UP
 
     def driven(self, frame: Frame) -> bool | None:
-        """Whether a frame shows the stage with a voltage, at 0 V (False), or not at all (None)."""
+        """Return True for a stage with a voltage, False for 0 V, None if not shown by the frame."""
         voltage = self.stage.read(frame)
         if voltage is not None:
             return voltage > 0
@@ -375,14 +373,14 @@ def _sent(od: ObjectDictionary, number: int, name: str) -> Field:
 
 
 def cycles_to_zero(signs: Signs, before: Sequence[Stamped], after: Sequence[Stamped]) -> int | None:
-    """Count the cycles from a fault until the stage is at 0 V and stays there; None if it does not.
+    """Return the cycles from a fault until the stage stays at 0 V; None if it does not.
 
     Parameters
     ----------
     signs
-        What the frames show.
+        Decoder of the frames.
     before, after
-        Frames before and after the fault; SYNC is among those before.
+        Frames before and after the fault; those before contain a SYNC.
     """
     zero: int | None = None
     fresh = False
@@ -393,7 +391,7 @@ def cycles_to_zero(signs: Signs, before: Sequence[Stamped], after: Sequence[Stam
         elif driven:
             zero, fresh = None, False
         elif driven is False and (zero is None or (fresh and frame.can_id == signs.stage.can_id)):
-            # A statusword just before the stage of its cycle is of that cycle.
+            # A statusword just before the stage belongs to the same cycle.
             zero, fresh = cycle, True
     return zero
 
@@ -401,11 +399,11 @@ def cycles_to_zero(signs: Signs, before: Sequence[Stamped], after: Sequence[Stam
 def _in_cycles(
     signs: Signs, before: Sequence[Stamped], after: Sequence[Stamped]
 ) -> Iterator[tuple[int, Frame]]:
-    """Yield frames with the number of their cycle, 0 up to the first that begins after the fault.
+    """Yield frames with the number of their cycle, 0 until the first cycle after the fault.
 
-    SYNC is sent in the middle of a cycle, after what its beginning has caused. What is caused
-    follows at once: a frame before which the bus was idle is one of the next cycle, and so is the
-    stage of a plate inside, which is sent at the beginning of a cycle.
+    SYNC is sent in the middle of a cycle, after the frames of its beginning. Frames that follow
+    from another follow at once. So a frame after an idle bus belongs to the next cycle, and so does
+    the stage of a plate inside, which is sent at the beginning of a cycle.
     """
     sync = max(time for time, frame in before if frame.can_id == SYNC_ID)
     end = before[-1][0]
@@ -428,43 +426,43 @@ def _in_cycles(
 
 
 def _ticks(microseconds: int) -> int:
-    """Return how many cycles passed between two SYNCs; without any in between 1."""
+    """Return the number of cycles between two SYNCs; 1 if they are close."""
     return round(microseconds / TICK_US) if microseconds > _SYNC_LATE_US else 1
 
 
 class Field(NamedTuple):
-    """Where an unsigned object is in the PDO that carries it."""
+    """Position of an unsigned object in the PDO that maps it."""
 
     can_id: int
     first: int
     last: int
-    """Its bytes, the last one not included."""
+    """First byte, and the byte after the last one."""
     size: int
-    """Bytes of the PDO."""
+    """Number of bytes of the PDO."""
 
     def read(self, frame: Frame) -> int | None:
-        """Return the raw value in a frame; None in a frame that does not carry it."""
+        """Return the raw value in a frame; None if the frame does not carry it."""
         if frame.can_id != self.can_id or frame.rtr or len(frame.data) != self.size:
             return None
         return int.from_bytes(frame.data[self.first : self.last], "little")
 
 
 def find_field(od: ObjectDictionary, communication: int, mapping: int, name: str) -> Field:
-    """Find an object in a PDO that maps it by default, whether the PDO is valid by default or not.
+    """Return the position of an object in a PDO that maps it by default, even if it is invalid.
 
     Parameters
     ----------
     od
-        The EDS, loaded for the node-ID.
+        Object dictionary, loaded for the node-ID.
     communication, mapping
-        Index of the PDO's communication and mapping parameter.
+        Indices of the communication and mapping parameters of the PDO.
     name
         Name of an object of whole bytes.
 
     Raises
     ------
     ValueError
-        If the PDO does not map it.
+        If the PDO does not map the object.
     """
     wanted = od[name]
     can_id = od.number(communication, PDO_COB_ID) & CAN_ID_MASK
@@ -480,7 +478,7 @@ def find_field(od: ObjectDictionary, communication: int, mapping: int, name: str
 
 
 def parts(frames: Iterable[Stamped]) -> Iterator[list[Stamped]]:
-    """Split a log where it leaves something out.
+    """Split a log at its silences, where frames are omitted.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The bench: a stimulator as a person handles it, its finger, and recordings."""
+"""The bench for lab scripts: a stimulator, its finger, and recordings."""
 
 from smarttac_can.bench.calibration import Calibration, mean_gauges, weigh, write_calibration
 from smarttac_can.bench.errors import (

@@ -1,4 +1,4 @@
-"""The calibration of a tribometer: weighings are made, and fitted by least squares."""
+"""Calibration of a tribometer: weighing, and a least-squares fit."""
 
 from __future__ import annotations
 
@@ -18,32 +18,32 @@ from smarttac_can.vocabulary.signals import KNOWN_WINDOW_MN
 LATERAL: Final = ("Fx from S1", "Fx from S2", "Fy from S1", "Fy from S2")
 POSITIONS: Final = ("Position of S3", "Position of S4", "Position of S5", "Position of S6")
 RESIDUAL_SHARE: Final = 0.01
-"""Root mean square of the forces' residuals that passes, of the heaviest weight."""
+"""Largest accepted root mean square of the force residuals, as a fraction of the heaviest
+weight."""
 RESIDUAL_MM: Final = 1.0
 SCALE_SHARE: Final = 0.02
-"""How far S3 to S6 together may be from the weights: no object corrects them."""
+"""Largest relative deviation of S3 to S6 together from the weights; no object corrects it."""
 _INDEPENDENT: Final = 0.1
-"""Least ratio of the singular values of two lateral loads that are distinguished."""
+"""Least ratio of the singular values of lateral loads that have two directions."""
 GAUGES: Final = range(1, 7)
 SAMPLES: Final = 64
 
 
 class Calibration(NamedTuple):
-    """What weighings show of a tribometer; None for what they do not show."""
+    """Calibration of a tribometer from weighings; None for what they do not determine."""
 
     lateral: tuple[float, ...] | None
-    """``(Fx, Fy) = lateral (S1, S2)``, by rows."""
+    """Matrix in ``(Fx, Fy) = lateral (S1, S2)``, by rows."""
     lateral_uncertainty: tuple[float, ...] | None
-    """Standard uncertainty of each; None where there are too few weighings."""
+    """Standard uncertainty of each element; None if there are too few weighings."""
     positions_mm: tuple[float, ...] | None
-    """Of S3..S6 along x."""
+    """Positions of S3..S6 along x in mm."""
     scale: float
-    """S3 to S6 together, as a share of the weights' normal force."""
+    """Sum of S3 to S6, as a fraction of the weights' normal force."""
     residuals: Floats
-    """Shape (n, 4): Fx, Fy and Fn in N and x in mm less the weights', with the fitted
-    calibration; NaN where there is none."""
+    """Shape (n, 4): Fx, Fy and Fn in N and x in mm, fitted minus actual; NaN if not determined."""
     heaviest: float
-    """Largest weight in N."""
+    """Heaviest weight in N."""
 
     @classmethod
     def fit(
@@ -54,19 +54,19 @@ class Calibration(NamedTuple):
     ) -> Self:
         """Fit the calibration.
 
-        Lateral loads come from the tilted weighings, positions from the level ones: on a tilted
-        plate the height of a weight moves its centre of pressure. A rigid plate loads its four
-        gauges in three ways at most, so the positions are changed as little as explains the
-        weighings.
+        Lateral loads come from the tilted weighings. Positions come from the level ones, because on
+        a tilted plate the height of a weight moves its centre of pressure. A rigid plate can load
+        its four gauges in only three ways, so the positions are changed by the least that explains
+        the weighings.
 
         Parameters
         ----------
         weighings
-            One or more.
+            One or more weighings.
         positions_mm
-            Those of S3..S6 so far.
+            Positions of S3..S6 before the fit.
         gravity
-            In m/s^2, at the place of the weighings.
+            Gravity in m/s^2 at the place of the weighings.
 
         Raises
         ------
@@ -102,12 +102,12 @@ class Calibration(NamedTuple):
 
     @property
     def rms(self) -> tuple[float, ...]:
-        """Root mean square of the residuals: Fx, Fy, Fn in N, x in mm; NaN where there is none."""
+        """Root mean square of the residuals: Fx, Fy, Fn in N, x in mm; NaN if not determined."""
         columns = [column[~np.isnan(column)] for column in self.residuals.T]
         return tuple(float(np.sqrt(np.mean(c * c))) if len(c) else np.nan for c in columns)
 
     def shortcomings(self) -> list[str]:
-        """Return why it is not to be used, a line each; nothing if it is."""
+        """Return why the calibration is unusable, a line per reason; empty if it is usable."""
         reasons = []
         *forces, position = self.rms
         for name, rms in zip(("Fx", "Fy", "Fn"), forces, strict=True):
@@ -126,7 +126,7 @@ class Calibration(NamedTuple):
         return reasons
 
     def objects(self) -> dict[str, float]:
-        """Return the objects it sets, by name, in their displayed units."""
+        """Return the values of the objects that it sets, by name, in their displayed units."""
         values: dict[str, float] = {}
         if self.lateral is not None:
             values |= dict(zip(LATERAL, self.lateral, strict=True))
@@ -137,7 +137,7 @@ class Calibration(NamedTuple):
         return {f"Calibration.{name}": value for name, value in values.items()}
 
     def as_json(self) -> dict[str, Any]:
-        """Return what a certificate holds of it."""
+        """Return the calibration for a certificate."""
         fx, fy, fn, x = (None if np.isnan(rms) else rms for rms in self.rms)
         return {
             "objects": self.objects(),
@@ -155,26 +155,26 @@ class Calibration(NamedTuple):
 def write_calibration(
     stimulator: Stimulator, calibration: Calibration, nulls: Floats
 ) -> dict[str, float]:
-    """Write a calibration, and the nulls with their window; all of it or nothing.
+    """Write a calibration, and the nulls with their window: all of it or nothing.
 
     Parameters
     ----------
     stimulator
-        Neither armed nor running.
+        Stimulator that is neither armed nor running.
     calibration
-        What was fitted.
+        Fitted calibration.
     nulls
         Raw S1..S6 in N of the level plate without a weight.
 
     Returns
     -------
     dict
-        What was written, by name, in displayed units.
+        Written values by name, in displayed units.
 
     Raises
     ------
     BenchError
-        If the stimulator refuses a value; those before are put back.
+        If the stimulator refuses a value; the ones written before are restored.
     """
     values = calibration.objects()
     values |= {
@@ -196,12 +196,12 @@ def write_calibration(
 
 
 def require_two_directions(placings: Sequence[Placing]) -> None:
-    """Refuse tilted placings that do not load two directions; none at all is no tilt.
+    """Refuse tilted placings that load only one direction; accept placings without any tilt.
 
     Raises
     ------
     ValueError
-        If they load one.
+        If they load only one direction.
     """
     loads = [placing.load(STANDARD_GRAVITY)[:2] for placing in placings if not placing.level]
     if not loads:
@@ -234,17 +234,17 @@ def _fit_positions(gauges: Floats, moments: Floats, before: Sequence[float]) -> 
 
 
 def weigh(stimulator: Stimulator, placing: Placing, do: Callable[[Placing], object]) -> Weighing:
-    """Weigh one weight: what the gauges show at a tilt without it, and with it.
+    """Weigh one weight: measure the gauges without it and with it, at the same tilt.
 
     Parameters
     ----------
     stimulator
-        Connected; neither armed nor running.
+        Connected stimulator that is neither armed nor running.
     placing
-        Where the weight is to be put.
+        Place of the weight.
     do
-        Called with what is to be done at the plate, which is done when it returns: a question to a
-        person, with the text of the `Placing`, or ``stimulator.finger.put`` for a simulated plate.
+        Function that returns once a `Placing` has been made at the plate: a question to a person
+        with its text, or ``stimulator.finger.put`` for a simulated plate.
 
     Raises
     ------
@@ -264,5 +264,5 @@ def mean_gauges(stimulator: Stimulator) -> npt.NDArray[np.float64]:
 
 
 def gauge_names() -> list[str]:
-    """Name the objects with the raw readings of S1..S6."""
+    """Return the names of the objects with the raw readings of S1..S6."""
     return [f"Plate input.S{gauge}" for gauge in GAUGES]

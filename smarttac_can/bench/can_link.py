@@ -1,4 +1,4 @@
-"""The link over CAN: SDO by python-canopen, recordings from the stimulator's TPDOs."""
+"""The link over CAN: SDO through python-canopen, recordings from the stimulator's TPDOs."""
 
 from __future__ import annotations
 
@@ -56,13 +56,13 @@ from smarttac_can.vocabulary.meanings import SIMULATION
 from smarttac_can.vocabulary.states import Mode
 
 GRACE_S: Final = 1.0
-"""How much longer than its cycles take a run in real time may take."""
+"""Time in s that a run in real time may take beyond its cycles."""
 _CHECK_S: Final = 1.0
-"""How long there may be no cycle in real time before heartbeats are looked at."""
+"""Time in s without a cycle in real time after which the heartbeats are checked."""
 SILENT_S: Final = 5.0
-"""How long a node in lockstep may answer nothing before it is taken for dead."""
+"""Time in s without any answer after which a node in lockstep is regarded as dead."""
 _ASK_AFTER_S: Final = 0.1
-"""How long a cycle in lockstep may take before the nodes are asked whether they have heard it."""
+"""Time in s after which, in lockstep, an incomplete cycle is checked by requests to the nodes."""
 _ANSWER_S: Final = 1.0
 _STATUS_TPDO: Final = 1
 _LOST_IN_A_ROW: Final = 3
@@ -70,17 +70,17 @@ _POLL_S: Final = 0.005
 _TICK: Final = RECORDED.index("Contact.Tick")
 Receiver = Callable[[int, bytearray, float], None]
 _ANSWERED_S: Final = 0.25
-"""By then another bench has answered, if there is one."""
+"""Time in s in which another bench, if there is one, has answered."""
 _EVERY_CYCLE: Final = bytes((EVENT_MANUFACTURER,))
 _SETTLE_S: Final = 0.1
-"""What still comes of the last SYNC has come by then."""
+"""Time in s in which all frames after the last SYNC have arrived."""
 _EVENT_S: Final = 0.25
-"""In real time the event timers of the TPDOs, 0.1 s by default, send within it."""
+"""Time in s in which, in real time, the event timers of the TPDOs (0.1 s by default) send."""
 _HEARTBEATS: Final = 3
 _CLOSING_S: Final = 0.02
 _OWN_ARGUMENTS: Final = ("node_id", "plate_node_id", "lockstep")
 _NEAR: Final = 0.7
-"""Likeness of a misspelt argument to what was meant, at least; 1 is the same."""
+"""Least similarity of a misspelt argument to a known one; 1 means equal."""
 
 
 def open_can_link(
@@ -98,16 +98,17 @@ def open_can_link(
     Returns
     -------
     link : Link
-        The nodes have been started.
+        Link to nodes that have been started.
     od : ObjectDictionary
-        EDS of the stimulator.
+        Object dictionary from the EDS of the stimulator.
 
     Raises
     ------
     BenchError
-        If the bus cannot be opened, no node answers, or it is another device.
+        If the bus cannot be opened, no node answers, or the node is another device.
     ValueError
-        If `lockstep` is neither True nor False, `interface` no name, or a node-ID outside 1..127.
+        If `lockstep` is neither True nor False, `interface` is not a name, or a node-ID is outside
+        1..127.
     TypeError
         If an option is a misspelt argument, or one that the interface would ignore.
     """
@@ -119,7 +120,7 @@ def open_can_link(
     if "port" in options:
         where += f" port {options['port']}"
     network = TappedNetwork()
-    # How long closing the bus may take; python-canopen waits for up to 1 s.
+    # Longest time for closing the bus; the default of python-canopen is 1 s.
     network.NOTIFIER_CYCLE = _CLOSING_S
     with opening(interface, channel, BenchError):
         network.connect(interface=interface, channel=channel, **options)
@@ -145,7 +146,7 @@ def over_can(
     lockstep: bool,
     timeout: float | None,
 ) -> tuple[Link, ObjectDictionary]:
-    """Make a link of a connected network, which is closed if that fails."""
+    """Make a link from a connected network, and close the network if that fails."""
     try:
         od = stimulator_od(node_id)
         plate = None if plate_node_id is None else plate_od(plate_node_id)
@@ -157,16 +158,17 @@ def over_can(
 
 
 class CanLink:
-    """A stimulator on a CAN bus, with the plate inside or as a node of its own.
+    """A stimulator on a CAN bus, with the plate inside or as a separate node.
 
     Parameters
     ----------
     network
         Connected network of python-canopen; closed with the link.
     stimulator
-        EDS of the stimulator, loaded for its node-ID.
+        Object dictionary of the stimulator, loaded for its node-ID.
     plate
-        EDS of the plate node, loaded for its node-ID; None with the plate inside the stimulator.
+        Object dictionary of the plate node, loaded for its node-ID; None if the plate is inside the
+        stimulator.
     where
         Name of the bus for error messages.
     lockstep
@@ -192,13 +194,13 @@ class CanLink:
         self.where = where
         self._lockstep = lockstep
         self._timeout = timeout
-        # On a local bus everything happens within the call that sends: there is no other thread
-        # to wait for, and the time is the bus's.
+        # On a local bus everything happens within the call that sends. There is no other thread to
+        # wait for, and the bus defines the time.
         self._threaded = network.threaded
         self._clock = network.now
         self._stimulator = RemoteDevice(network, stimulator, where, timeout)
         self._plate = RemoteDevice(network, plate, where, timeout) if plate else None
-        # The plate first, so that its measurements await nobody.
+        # Start the plate first, so that the stimulator does not miss its measurements.
         self._devices = [d for d in (self._plate, self._stimulator) if d is not None]
         self._pdos = published_pdos(stimulator, self._stimulator.read)
         self._cycles = CycleRows(self._stimulator, self._pdos, self._clock)
@@ -208,7 +210,7 @@ class CanLink:
             network.subscribe(pdo.can_id, self._cycles.receiver(pdo))
         for device in self._devices:
             device.start()
-        # In lockstep the nodes' time stands still without the bench.
+        # In lockstep the time of the nodes stands still without the bench.
         self._heartbeat = None if lockstep else BenchHeartbeat(network, self._stimulator)
         self._heard: tuple[frozenset[int], ...] = ()
         self._alone = OneRun()
@@ -221,7 +223,7 @@ class CanLink:
         self._listen()
 
     def drive(self) -> None:
-        """Start the heartbeat of this bench, in real time; refused while another one drives."""
+        """Start the heartbeat of this bench in real time; refused while another bench drives."""
         if self._heartbeat is not None:
             self._heartbeat.begin()
 
@@ -231,26 +233,26 @@ class CanLink:
         return int(device.read(device.od[name]))
 
     def text(self, name: str) -> str:
-        """Read an object over SDO that is a string."""
+        """Read a string object over SDO."""
         return str(self._stimulator.read(self._stimulator.od[name]))
 
     def write(self, name: str, raw: int) -> None:
-        """Write a raw value to an object over SDO; one that drives starts the bench heartbeat."""
+        """Write a raw value over SDO; a write that commands starts the heartbeat of this bench."""
         if self.only_read and drives(name, raw):
             self.drive()
         device = self._owner(name)
         device.write(device.od[name], raw)
 
     def read_table(self, name: str) -> bytes:
-        """Read an object over SDO that is a DOMAIN."""
+        """Read a DOMAIN object over SDO."""
         return bytes(self._stimulator.read(self._stimulator.od[name]))
 
     def write_table(self, name: str, data: bytes) -> None:
-        """Write an object over SDO that is a DOMAIN, by block transfer."""
+        """Write a DOMAIN object over SDO, by block transfer."""
         self._stimulator.write_block(self._stimulator.od[name], data)
 
     def snapshot(self) -> Snapshot:
-        """Return what the public TPDOs carried last; in real time wait for the first of each."""
+        """Return the last values of the public TPDOs; in real time wait for the first of each."""
         self._check()
         if not self._lockstep:
             self._stimulator.check_operational()
@@ -264,23 +266,23 @@ class CanLink:
         return Snapshot(values, now - oldest)
 
     def start_run(self) -> None:
-        """Put the simulated plate to rest at tick 0 and reset the controllers."""
+        """Restart the simulation: the plate at rest at tick 0, the controllers reset."""
         if self._plate is not None:
             self._plate.write(self._plate.od["Simulation.Start run"], 1)
         self._stimulator.write(self._stimulator.od["Simulation.Start run"], 1)
 
     def run(self, cycles: int, rows: list[Row], interrupted: Callable[[], bool] = never) -> None:
-        """Let the loop run and record it from the TPDOs, sent in every cycle meanwhile.
+        """Run the loop and record it from the TPDOs, which are sent in every cycle meanwhile.
 
         Raises
         ------
         NotRunningError
-            If not one cycle came, the TPDOs do not carry what a recording holds, or in lockstep
+            If not a single cycle came, the TPDOs do not map all recorded objects, or in lockstep
             the node runs in real time.
         HeartbeatLostError
-            If a node has fallen silent.
+            If the heartbeat of a node is lost.
         BusyError
-            While another thread runs the loop.
+            If another thread is running the loop.
         """
         with self._alone:
             self._run(cycles, rows, interrupted)
@@ -293,11 +295,11 @@ class CanLink:
                 f"{', '.join(RECORDED)}: restore their default mapping"
             )
         collected.learn_held(self.read)
-        # Before the first SYNC nothing comes from nodes in lockstep.
+        # In lockstep the nodes send nothing before the first SYNC.
         if not self._time_is_right and (wrong_time := self.wrong_time()):
             raise NotRunningError(wrong_time)
         self._time_is_right = True
-        # Of another script that puts the types back the bench has to hear.
+        # The bench must receive the SDO frames of another script that resets the types.
         with self._hearing(self._services), self._every_cycle.held():
             collected.rows = rows
             try:
@@ -315,7 +317,7 @@ class CanLink:
             )
 
     def source(self) -> FrameSource:
-        """Return what the PDOs of the stimulator carry, by its mapping."""
+        """Return what the PDOs of the stimulator carry, from its mapping."""
         device = self._stimulator
         return FrameSource(
             published=self._pdos,
@@ -327,7 +329,7 @@ class CanLink:
 
     @contextmanager
     def frames(self, hear: Hear, *, every_cycle: bool = True) -> Iterator[None]:
-        """Pass on the frames of these nodes, and those that command them."""
+        """Pass the frames of these nodes, and those of their masters, to `hear` during a block."""
         network = self._network
         commanded = commanded_pdos(self._stimulator.od, self._stimulator.read)
         can_ids = {pdo.can_id for pdo in (*self._pdos, *commanded)} | self._services
@@ -335,7 +337,7 @@ class CanLink:
         if self._threaded:
             hold_more(network.bus)
         types = self._every_cycle.held() if every_cycle else nullcontext()
-        # Before all types are set there is no whole cycle, and after the first is put back none.
+        # Before all types are set, and after the first one is reset, no cycle is complete.
         with self._hearing(can_ids), types:
             network.taps += (tap,)
             try:
@@ -344,16 +346,17 @@ class CanLink:
                 network.taps = tuple(other for other in network.taps if other is not tap)
 
     def raw(self, path: Path) -> AbstractContextManager[str]:
-        """Log all frames on the bus, those of this bench too, in a format of python-can."""
+        """Log all frames on the bus, also those of this bench, in a format of python-can."""
         return raw_log(self._network, path)
 
     def silent(self) -> list[int]:
-        """Return the node-IDs whose heartbeats came and have stopped; in lockstep none."""
-        # In lockstep the nodes' time, and so their heartbeat, stands still between the cycles.
+        """Return the node-IDs whose heartbeats were lost; an empty list in lockstep."""
+        # In lockstep the time of the nodes, and so their heartbeat, stands still between the
+        # cycles.
         return [d.od.node_id for d in self._devices if not self._lockstep and d.silence]
 
     def wrong_time(self) -> str:
-        """Return what is wrong if the stimulator keeps another time than the link; else nothing."""
+        """Return an error text if stimulator and link differ in lockstep or real time, else ""."""
         if not self._threaded:
             return ""
         device = self._stimulator
@@ -384,7 +387,7 @@ class CanLink:
 
     @property
     def only_read(self) -> bool:
-        """Whether the stimulator may be driven by another bench, and is not by this one."""
+        """Whether this bench has sent no command, so that another one may be the commander."""
         return self._heartbeat is not None and not self._heartbeat.begun
 
     def close(self) -> None:
@@ -393,7 +396,7 @@ class CanLink:
         if presence is not None and presence.begun:
             with suppress(BenchError):
                 presence.end(self._at_rest())
-        # python-canopen raises, when all is closed, what has ended its receiving.
+        # After closing, python-canopen raises the error that ended its receiving.
         with suppress(can.CanError):
             self._network.disconnect()
 
@@ -416,7 +419,8 @@ class CanLink:
         return self._plate if simulated and self._plate is not None else self._stimulator
 
     def _check(self) -> None:
-        # In lockstep the nodes' time, and so their heartbeat, stands still between the cycles.
+        # In lockstep the time of the nodes, and so their heartbeat, stands still between the
+        # cycles.
         if not self._lockstep:
             for device in (self._stimulator, self._plate):
                 if device is not None:
@@ -424,7 +428,7 @@ class CanLink:
 
     @contextmanager
     def _hearing(self, can_ids: Iterable[int]) -> Iterator[None]:
-        """Add frames to those that the kernel lets pass, while a block lasts."""
+        """Let the kernel pass additional frames during a block."""
         heard = frozenset(can_ids)
         self._heard += (heard,)
         self._listen()
@@ -436,7 +440,7 @@ class CanLink:
             self._listen()
 
     def _listen(self) -> None:
-        """Set the filter of the kernel to the frames that are listened to here."""
+        """Set the filter of the kernel to the frames that are needed here."""
         if self._threaded:
             heartbeat = HEARTBEAT_ID + bench_id(self._stimulator.od.node_id)
             hear_only(
@@ -463,11 +467,11 @@ class CanLink:
                 )
 
     def _ends(self, interrupted: Callable[[], bool]) -> bool:
-        """Wait for the end of a cycle in lockstep; return whether it has one.
+        """Wait for the end of a cycle in lockstep; return whether the cycle is complete.
 
-        Nodes hear frames in the order in which they were sent. Once each of them, the plate first,
-        has answered a request sent after the SYNC, all that the cycle may still bring has come. How
-        long they take for it is up to them.
+        Nodes receive frames in the order in which they were sent. So each node, the plate first, is
+        sent a request after the SYNC. Once all have answered, all frames of the cycle have arrived.
+        The nodes may take any time for it.
         """
         complete = self._cycles.complete
         if self._threaded and self._stimulator.operational:
@@ -490,27 +494,27 @@ class CanLink:
 
 
 class CycleRows:
-    """Rows of `RECORDED` from the TPDOs of a stimulator.
+    """Makes rows of `RECORDED` from the TPDOs of a stimulator.
 
     Parameters
     ----------
     device
-        The stimulator.
+        Stimulator node.
     pdos
-        Its public TPDOs by number.
+        Public TPDOs of the stimulator by number.
     clock
-        Returns the time in s.
+        Function that returns the time in s.
 
     Attributes
     ----------
     rows
-        Where the rows go; None for nowhere.
+        List to which rows are appended; None if they are discarded.
     complete
-        Has something whenever a cycle is complete, with a row or without.
+        Queue with an element after each complete cycle, with or without a row.
     whole
         Whether the TPDOs map all of `RECORDED`.
     wanted
-        Numbers of the TPDOs that make a row; the others hold what changes seldom.
+        Numbers of the TPDOs of every row; the other ones are sent only on a change.
     """
 
     def __init__(
@@ -519,7 +523,7 @@ class CycleRows:
         self._device = device
         self._clock = clock
         self.rows: list[Row] | None = None
-        # At a tenth of what an event takes.
+        # A queue costs a tenth of an event.
         self.complete: SimpleQueue[None] = SimpleQueue()
         self._come: set[int] = set()
         columns = [_place(pdos, name) for name in RECORDED]
@@ -532,13 +536,13 @@ class CycleRows:
         }
 
     def learn_held(self, read: Callable[[str], int]) -> None:
-        """Read what is published when it changes, and did not come yet."""
+        """Read the objects that are published on a change and were not received yet."""
         for pdo, _ in self._columns:
             if pdo.number not in self.wanted and pdo.received is None:
                 pdo.values = tuple(read(name) for name in pdo.names)
 
     def receiver(self, pdo: PublishedPdo) -> Receiver:
-        """Make the callback of a TPDO; that of the cycle's last one completes a row."""
+        """Return the callback of a TPDO; that of the last TPDO of a cycle completes a row."""
         wanted, number = self.wanted, pdo.number
         parts, row_of = self._row_maker()
         completes = number == max(wanted, default=0)
@@ -549,7 +553,7 @@ class CycleRows:
         def on_pdo(_can_id: int, data: bytearray, _timestamp: float) -> None:
             if not pdo.take(data, clock()):
                 return
-            # PDOs are OPERATIONAL's alone; the next heartbeat may be a second away.
+            # Only OPERATIONAL nodes send PDOs; the next heartbeat may be 1 s away.
             device.state = operational
             come.add(number)
             if completes:
@@ -566,7 +570,7 @@ class CycleRows:
         return on_pdo
 
     def _row_maker(self) -> tuple[list[PublishedPdo], Callable[[list[int]], Row]]:
-        """Return the TPDOs of a row, and what picks it from their values one after another."""
+        """Return the TPDOs of a row, and a function that picks the row from their joined values."""
         columns = self._columns if self.whole else []
         parts = list(dict.fromkeys(pdo for pdo, _ in columns))
         places = [(pdo, at) for pdo in parts for at in range(len(pdo.names))]
@@ -574,38 +578,38 @@ class CycleRows:
 
 
 def _record(rows: list[Row], row: Row) -> None:
-    # When a cycle comes late, the event timers of the TPDOs repeat the one before.
+    # When a cycle is late, the event timers of the TPDOs send the last values again.
     if not rows or row[_TICK] != rows[-1][_TICK]:
         rows.append(row)
 
 
 def _place(pdos: list[PublishedPdo], name: str) -> tuple[PublishedPdo, int] | None:
-    """Find the TPDO that carries an object, and its place there."""
+    """Return the TPDO that carries an object and the index there, None if there is none."""
     found = ((pdo, pdo.names.index(name)) for pdo in pdos if name in pdo.names)
     return next(found, None)
 
 
 class EveryCycle:
-    """Sets TPDOs to every cycle, and puts their types back when no bench needs it any more.
+    """Sets TPDOs to every cycle, and resets their types when no bench needs it any more.
 
-    Several benches may need it at once, and only the last of them may put the types back: until
-    another one asks anew, the cycles are lost. A bench that ends asks whether another one needs
-    them. The question is the SDO request that reads a type, the answer one that writes 254 to it
-    again.
+    Several benches may need it at once, and only the last of them may reset the types; otherwise
+    the others lose cycles until they have set the types again. So a bench that ends asks whether
+    another one needs the cycles. The question is the SDO request that reads a type; the answer is
+    one that writes 254 to it again.
 
     Parameters
     ----------
     network
         Network of the stimulator.
     device
-        The stimulator.
+        Stimulator node.
     numbers
         Numbers of the TPDOs.
 
     Attributes
     ----------
     numbers
-        The same.
+        Numbers of the TPDOs.
     """
 
     def __init__(self, network: TappedNetwork, device: RemoteDevice, numbers: list[int]) -> None:
@@ -626,9 +630,9 @@ class EveryCycle:
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Send them in every cycle while a block lasts; blocks may be nested.
+        """Have the TPDOs sent in every cycle during a block; blocks may be nested.
 
-        They are sent so again at once when a reset, or a tool that does not ask, puts them back.
+        If a reset, or a tool that does not ask, changes the types, they are set again at once.
         """
         if not self._users:
             self._ends = False
@@ -640,7 +644,7 @@ class EveryCycle:
         try:
             yield
         except BaseException:
-            # The first failure is the one to report.
+            # Report the first failure, not the one that follows from it.
             with suppress(BenchError):
                 self._release()
             raise
@@ -651,7 +655,7 @@ class EveryCycle:
         self._device.write(entry, EVENT_MANUFACTURER)
         if kind != EVENT_MANUFACTURER:
             return kind
-        # Another bench needs it, or one that was killed has left it so.
+        # Another bench needs it, or a killed bench has left it so.
         self._others.set()
         return int(entry.default)
 
@@ -669,7 +673,6 @@ class EveryCycle:
                 self._device.write(entry, kind)
 
     def _others_need_it(self) -> bool:
-        """Ask the benches that there may be besides this one."""
         self._ends = True
         if not self._others.is_set():
             return False
@@ -678,7 +681,7 @@ class EveryCycle:
         return self._others.wait(_ANSWERED_S)
 
     def _keep(self, can_id: int, data: bytes) -> None:
-        """Answer other benches that ask, and set again what others have put back."""
+        """Answer other benches that ask, and set again the types that others have changed."""
         node_id, undone = self._device.od.node_id, self._undone
         frame = Frame(can_id, data)
         if can_id == HEARTBEAT_ID + node_id and data == BOOT_UP:
@@ -697,11 +700,11 @@ class EveryCycle:
             self._ask_for(ended)
 
     def _ask_for(self, entries: Iterable[Entry]) -> None:
-        """Write the types without waiting for an answer, as this runs in the receiving thread."""
+        """Write the types without waiting for an answer, as the receiving thread runs this."""
         if self._ends:
             return
         for entry in entries:
             frame = download(self._device.od.node_id, entry, EVENT_MANUFACTURER)
-            # Of a bus that has failed the bench hears by its next transfer.
+            # The next transfer of the bench reports a failed bus.
             with suppress(can.CanError):
                 self._network.send_message(frame.can_id, frame.data)

@@ -1,4 +1,4 @@
-"""How every picture looks. Needs matplotlib (extra ``report``); draws off screen."""
+"""Style of all figures. Needs matplotlib (extra ``report``); draws without a window."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ STYLE: dict[Any, Any] = {
     "savefig.facecolor": "white",
     "svg.hashsalt": "smarttac-can",
 }
-# Without what names the day, and the version of matplotlib.
+# Omit the date and the version of matplotlib, so that the bytes are reproducible.
 _FORMATS: Final[dict[str, dict[str, Any]]] = {
     "png": {"dpi": 144, "metadata": {"Software": None}},
     "svg": {"metadata": {"Date": None, "Creator": None}},
@@ -48,7 +48,7 @@ _FORMATS: Final[dict[str, dict[str, Any]]] = {
 
 
 class Picture(Figure):
-    """A figure that a notebook shows where it stands last in a cell, without pyplot."""
+    """A figure that a notebook shows as the last value of a cell, without pyplot."""
 
     def _repr_png_(self) -> bytes:
         return rendered(self)["png"]
@@ -56,7 +56,7 @@ class Picture(Figure):
 
 @contextmanager
 def canvas(width: float, height: float) -> Iterator[Figure]:
-    """Make an off-screen figure of so many inches, in the style of the report."""
+    """Create a figure without a window, with a size in inches, in the style of the report."""
     with mpl.rc_context(STYLE):
         figure = Picture(figsize=(width, height), layout="constrained")
         FigureCanvasAgg(figure)
@@ -65,12 +65,12 @@ def canvas(width: float, height: float) -> Iterator[Figure]:
 
 @contextmanager
 def drawn_into(given: FigureBase | None, width: float, height: float) -> Iterator[FigureBase]:
-    """Draw into a figure in the style of the report; into a new `canvas` if it is None.
+    """Draw into a figure, or a new `canvas` if it is None, in the style of the report.
 
     Raises
     ------
     ValueError
-        If it is no figure.
+        If `given` is not a figure.
     """
     if not isinstance(given, FigureBase | None):
         raise ValueError(f"figure {given!r} is no figure of matplotlib")
@@ -83,7 +83,7 @@ def drawn_into(given: FigureBase | None, width: float, height: float) -> Iterato
 
 
 def rendered(figure: Figure) -> dict[str, bytes]:
-    """Return a figure as PNG and SVG, by the name of the format; the same bytes each time."""
+    """Return a figure as PNG and SVG, by the name of the format; always the same bytes."""
     pictures = {}
     with mpl.rc_context(STYLE):
         for name, options in _FORMATS.items():
@@ -94,6 +94,6 @@ def rendered(figure: Figure) -> dict[str, bytes]:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure beside each other as PNG and SVG; of the path only the suffix differs."""
+    """Save a figure as PNG and SVG; only the suffix of `path` is replaced."""
     for name, picture in rendered(figure).items():
         path.with_suffix(f".{name}").write_bytes(picture)

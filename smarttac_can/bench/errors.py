@@ -1,4 +1,4 @@
-"""What can go wrong with a stimulator that answers, and in the message what to do about it."""
+"""Errors of a stimulator that answers; their messages say what to do."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ _SHELL_WORDS: Final = {
     "connect without lockstep=True": "leave out --lockstep here",
     "connect with lockstep=True": "give --lockstep here",
 }
-"""What messages of the bench advise a script to call, and what a person at a shell does instead."""
+"""Calls that messages of the bench suggest, and what a person at a shell does instead."""
 _OF_A_SCRIPT: Final = ".trace "
-"""How a note begins that is for a script alone."""
+"""Beginning of notes that are only for scripts."""
 
 
 class NotRunningError(BenchError):
@@ -30,11 +30,11 @@ class NotRunningError(BenchError):
 
 
 class BusyError(BenchError):
-    """Another thread lets the loop of this stimulator run; nothing was changed by this one."""
+    """Another thread is running the loop of this stimulator; this call has changed nothing."""
 
 
 class NotReadyError(BenchError):
-    """The stimulator lacks something it needs before it may be armed."""
+    """A condition for arming the stimulator is not met."""
 
 
 class FaultError(BenchError):
@@ -43,7 +43,7 @@ class FaultError(BenchError):
     Attributes
     ----------
     trace
-        What was recorded if it ended a run; None otherwise.
+        Trace of the run that the fault ended, or None.
     """
 
     def __init__(self, text: str, trace: Trace | None = None) -> None:
@@ -57,17 +57,17 @@ class RunInterruptedError(BenchError, KeyboardInterrupt):
     Attributes
     ----------
     trace
-        What was recorded until then; None if nothing was.
+        Trace of the run until then; None if nothing was recorded.
     """
 
 
 def in_shell_words(text: object) -> str:
-    """Return a message of the bench in the words of the shell commands.
+    """Return a message of the bench with shell commands instead of calls.
 
     Returns
     -------
     str
-        Empty for what is of no use there.
+        Empty if the message is only for scripts.
     """
     message = str(text)
     if message.startswith(_OF_A_SCRIPT):
@@ -78,12 +78,12 @@ def in_shell_words(text: object) -> str:
 
 
 def write_action(entry: Entry, raw: float) -> str:
-    """Return what was asked of the device, in words."""
+    """Return the text for writing a raw value to an object."""
     return f"write {_shown(entry, raw)} to {entry.name}"
 
 
 def refused_write(entry: Entry, raw: float, reason: Abort) -> RefusedError:
-    """Return the error of a device that refused a raw value, with the reason."""
+    """Return the error of a device that has refused a raw value, with the reason."""
     text = f"cannot {write_action(entry, raw)}: {reason}"
     if not entry.low <= raw <= entry.high:
         text += f": {bounds(entry)}"

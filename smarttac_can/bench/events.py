@@ -1,4 +1,4 @@
-"""State changes, faults and heartbeats of a stimulator, one after another as they come."""
+"""State changes, faults and heartbeats of a stimulator as a stream of events."""
 
 from __future__ import annotations
 
@@ -18,38 +18,38 @@ from smarttac_can.vocabulary.states import State, known_state, state_in
 
 _STATUS: Final = "Statusword"
 _LOOK_S: Final = 0.1
-"""How often heartbeats are looked at."""
+"""Period in s at which lost heartbeats are looked for."""
 _MOST_S: Final = 604_800
 _NONE: Final = -1
-"""In place of an NMT state, of a node that is lost."""
+"""Replaces the NMT state of a node whose heartbeat is lost."""
 _CYCLE_S: Final = 1e-3
 
 
 class Event(NamedTuple):
-    """What has happened to a stimulator or its plate node."""
+    """A change of a stimulator or its plate node."""
 
     node_id: int
-    """Of which node."""
+    """Node-ID of the node."""
     kind: Literal["state", "fault", "heartbeat"]
-    """Another state of the stimulator, an emergency message of a node, or another NMT state."""
+    """New state of the stimulator, emergency message of a node, or new NMT state."""
     text: str
-    """The state, what the fault is, the NMT state that a heartbeat shows, or ``lost``."""
+    """State, text of the fault, NMT state in the heartbeat, or ``lost``."""
     state: State | None = None
-    """The state, of a ``state``."""
+    """State of the stimulator if `kind` is ``state``, else None."""
 
 
 class Events:
-    """What happens while a ``with`` block lasts; `Stimulator.events` makes one.
+    """Events during a ``with`` block, created by `Stimulator.events`.
 
-    It only listens. Events that come during `Stimulator.run`, or while a script handles another
-    one, are kept.
+    It only listens. Events during `Stimulator.run`, or while a script handles another event, are
+    kept.
 
     Parameters
     ----------
     link
-        To the stimulator.
+        Link to the stimulator.
     node_id
-        Of the stimulator.
+        Node-ID of the stimulator.
     """
 
     def __init__(self, link: Link, node_id: int) -> None:
@@ -61,7 +61,7 @@ class Events:
         self._lost: set[int] = set()
 
     def __enter__(self) -> Self:
-        """Begin to listen.
+        """Begin to receive.
 
         Raises
         ------
@@ -82,26 +82,26 @@ class Events:
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Listen no more."""
+        """End receiving."""
         block, self._block = self._block, None
         assert block is not None
         block.__exit__(None, None, None)
 
     def within(self, seconds: float) -> Iterator[Event]:
-        """Let time pass, and yield what happens as it comes, and before that what has come already.
+        """Wait for a time, and yield events as they come, first those that are waiting.
 
         Parameters
         ----------
         seconds
-            For how long, 0 to 604800: of the loop's time in lockstep and in a simulation, which
-            run meanwhile, of the clock otherwise. 0 is for what has come already.
+            Time in s, 0 to 604800. In lockstep and in a simulation it is loop time, and the loop
+            runs meanwhile; otherwise time of the clock. 0 yields only waiting events.
 
         Raises
         ------
         ValueError
-            If `seconds` is not a finite number, or outside its bounds.
+            If `seconds` is not a finite number within its bounds.
         BenchError
-            Outside of the block; in lockstep and in a simulation, as `Stimulator.run` does.
+            Outside a ``with`` block; in lockstep and in a simulation, as `Stimulator.run`.
         """
         length = finite("seconds", seconds)
         if not 0 <= length <= _MOST_S:
@@ -119,7 +119,7 @@ class Events:
             except Empty:
                 before, self._lost = self._lost, set(self._link.silent())
                 for node_id in sorted(self._lost - before):
-                    # Its next heartbeat is an event, too.
+                    # So the next heartbeat is an event as well.
                     self._nmt[node_id] = _NONE
                     self._waiting.put(Event(node_id, "heartbeat", "lost"))
                 if left <= 0 and self._waiting.empty():
@@ -140,7 +140,6 @@ class Events:
             left -= max(len(rows), 1)
 
     def _hear(self, can_id: int, data: bytes) -> None:
-        """Take a frame, in whichever thread has it."""
         service, node_id = can_id & ~LAST_NODE_ID, can_id & LAST_NODE_ID
         if can_id == self._carrier.can_id:
             layout = self._carrier.layout
@@ -153,10 +152,10 @@ class Events:
         elif service == EMCY_ID and (code := int.from_bytes(data[:2], "little")):
             self._waiting.put(Event(node_id, "fault", emergency_text(code)))
         elif service == HEARTBEAT_ID and data:
-            # Here scan is imported already, which takes long and has no use without a bus.
+            # Imported here because it takes long and is not needed without a bus.
             from smarttac_can.commissioning.scan import STATES, UNKNOWN  # noqa: PLC0415
 
             shown = data[0] & LAST_NODE_ID
-            if self._nmt.get(node_id, shown) != shown or not shown:  # boot-up is always one
+            if self._nmt.get(node_id, shown) != shown or not shown:  # a boot-up is always an event
                 self._waiting.put(Event(node_id, "heartbeat", STATES.get(shown, UNKNOWN)))
             self._nmt[node_id] = shown

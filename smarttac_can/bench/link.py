@@ -1,4 +1,4 @@
-"""What a link to a stimulator carries: PDOs, raw values by name, readings and recordings."""
+"""The interface of a link to a stimulator: PDOs, raw values by name, readings, recordings."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.states import Mode, State, Status, state_in
 
 RECORDED = tuple(column.object for column in COLUMNS)
-"""Objects of the stimulator that a run records, a column each, in the order of a trace."""
+"""Objects of the stimulator that a run records, one per column, in the order of a trace."""
 
 HELD = ("Statusword",)
-"""Those of them that are published when they change, at once, and stay as they are until then."""
+"""Recorded objects that are published only on a change, and at once."""
 
 PUBLISHED = (
     "Statusword",
@@ -55,9 +55,9 @@ PUBLISHED = (
 Row = tuple[int, ...]
 """Raw values of `RECORDED` in one cycle."""
 Hear = Callable[[int, bytes], None]
-"""Called with the identifier and the data of a frame."""
+"""Function that receives the identifier and the data of a frame."""
 PUBLIC: Final = range(1, 5)
-"""Numbers of the PDOs between a stimulator and its masters; the others are those of the loop."""
+"""Numbers of the PDOs between a stimulator and its masters; the other ones serve the loop."""
 _FORMATS: Final = {
     DataType.BOOLEAN: "B",
     DataType.INTEGER8: "b",
@@ -71,7 +71,7 @@ _STATUS: Final = sum(Status)
 
 
 def unwrapped(rows: list[Row]) -> npt.NDArray[np.int64]:
-    """Return one or more rows, with 16-bit ticks that were extended so that they keep rising."""
+    """Return the rows as an array, with 16-bit ticks extended so that they keep increasing."""
     counts = np.array(rows, dtype=np.int64)
     ticks = counts[:, 0]
     ticks[1:] = ticks[0] + np.cumsum(np.diff(ticks) & 0xFFFF)
@@ -79,26 +79,26 @@ def unwrapped(rows: list[Row]) -> npt.NDArray[np.int64]:
 
 
 class Snapshot(NamedTuple):
-    """Raw values of the stimulator's objects by name, and how old they are."""
+    """Raw values of the stimulator's objects by name, and their age."""
 
     values: dict[str, int]
     age: float
-    """Age in s of the oldest of them."""
+    """Age in s of the oldest value."""
 
 
 class OneRun:
-    """Allows one thread at a time to run the loop of a link, which has one recording."""
+    """Lets one thread at a time run the loop of a link, because a link has one recording."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
 
     def __enter__(self) -> None:
-        """Begin.
+        """Begin a run.
 
         Raises
         ------
         BusyError
-            While another thread runs it.
+            If another thread is running the loop.
         """
         if not self._lock.acquire(blocking=False):
             raise BusyError(
@@ -107,124 +107,124 @@ class OneRun:
             )
 
     def __exit__(self, *_: object) -> None:
-        """End."""
+        """End the run."""
         self._lock.release()
 
 
 def never() -> bool:
-    """Return that nobody interrupts."""
+    """Return False: the run is not interrupted."""
     return False
 
 
 class FrameSource(NamedTuple):
-    """What the frames that `Link.frames` passes on mean."""
+    """Description of the frames that `Link.frames` passes on."""
 
     published: list[PublishedPdo]
     """Public TPDOs of the stimulator."""
     every_cycle: list[int]
-    """Numbers of those that come in every cycle; the others come when what they carry changes."""
+    """Numbers of the TPDOs that are sent in every cycle; the other ones are sent on a change."""
     commanded: list[PublishedPdo]
-    """RPDOs by which a master commands it."""
+    """RPDOs with which a master commands the stimulator."""
     plate: ObjectDictionary | None
     """EDS of the plate node; None if the plate is inside the stimulator."""
     clocked: bool
-    """Whether ticks follow the clock, and not this bench."""
+    """Whether ticks follow the clock, not the SYNC of this bench."""
 
 
 class Link(Protocol):
-    """A stimulator, with its plate, as the bench reaches it.
+    """Access of the bench to a stimulator and its plate.
 
     Every method raises a `BenchError` if the other side is gone or refuses.
     """
 
     @property
     def where(self) -> str:
-        """Name of what it goes over, for messages."""
+        """Name of the link, for messages."""
 
     @property
     def only_read(self) -> bool:
-        """Whether the stimulator may be driven by somebody else, and is not by this bench."""
+        """Whether this bench has sent no command, so that another one may be the commander."""
 
     def drive(self) -> None:
-        """Become the one bench that drives the stimulator.
+        """Become the commander of the stimulator.
 
         Raises
         ------
         BenchError
-            While another bench drives it.
+            If another bench is the commander.
         """
 
     def read(self, name: str) -> int:
         """Read the raw value of an object of the stimulator, or of the simulation."""
 
     def text(self, name: str) -> str:
-        """Read an object of the stimulator that is a string."""
+        """Read a string object of the stimulator."""
 
     def write(self, name: str, raw: int) -> None:
         """Write a raw value to an object of the stimulator, or of the simulation."""
 
     def read_table(self, name: str) -> bytes:
-        """Read an object of the stimulator that is a DOMAIN."""
+        """Read a DOMAIN object of the stimulator."""
 
     def write_table(self, name: str, data: bytes) -> None:
-        """Write an object of the stimulator that is a DOMAIN; it may take a while."""
+        """Write a DOMAIN object of the stimulator; this may take a while."""
 
     def snapshot(self) -> Snapshot:
-        """Return the newest values the stimulator has published."""
+        """Return the newest values that the stimulator has published."""
 
     def start_run(self) -> None:
-        """Put a simulated plate to rest at tick 0 and reset the controllers."""
+        """Restart the simulation: the plate at rest at tick 0, the controllers reset."""
 
     def run(self, cycles: int, rows: list[Row], interrupted: Callable[[], bool] = never) -> None:
-        """Let the loop run and record it, a row a cycle; rows of lost cycles are missing.
+        """Run the loop and record a row per cycle; rows of lost cycles are missing.
 
         Parameters
         ----------
         cycles
-            How many.
+            Number of cycles.
         rows
-            Each row is appended as it comes, so that they are there if the run fails.
+            List to which each row is appended at once, so that the rows remain if the run fails.
         interrupted
-            Asked after each cycle whether to end at once.
+            Function called after each cycle; True ends the run at once.
         """
 
     def source(self) -> FrameSource:
-        """Return what the frames that `frames` passes on mean."""
+        """Return a description of the frames that `frames` passes on."""
 
     def frames(self, hear: Hear, *, every_cycle: bool = True) -> AbstractContextManager[None]:
-        """Pass on the frames of the nodes, and those of masters, while a block lasts.
+        """Pass on the frames of the nodes, and those of masters, during a block.
 
         Parameters
         ----------
         hear
-            Called as they come, by whichever thread has them.
+            Function called for each frame, from any thread.
         every_cycle
             Whether the TPDOs are set to every cycle.
         """
 
     def raw(self, path: Path) -> AbstractContextManager[str]:
-        """Log all frames of the bus, in a format of python-can, while a block lasts.
+        """Log all frames of the bus, in a format of python-can, during a block.
 
-        It yields one line: what in the log differs from the bus; empty if nothing does.
+        Yields one line on how the log differs from the bus; empty if it does not.
         """
 
     def silent(self) -> list[int]:
-        """Return the node-IDs whose heartbeats came and have stopped."""
+        """Return the node-IDs whose heartbeats were received and then lost."""
 
     def wrong_time(self) -> str:
-        """Return what is wrong if the stimulator keeps another time than the link; else nothing."""
+        """Return an error text if stimulator and link differ in lockstep or real time, else ""."""
 
     def close(self) -> None:
         """Leave the bus; may be called twice."""
 
 
 class ClosedLink:
-    """What is left of a link that was closed: whatever is asked of it is refused.
+    """A closed link, which refuses every access.
 
     Parameters
     ----------
     where
-        Name of what it went over.
+        Name of the closed link.
     """
 
     def __init__(self, where: str) -> None:
@@ -235,23 +235,23 @@ class ClosedLink:
 
 
 class PublishedPdo:
-    """A valid PDO of a node: its CAN-ID, what it maps, and the data that came last.
+    """A valid PDO of a node: its CAN-ID, its mapping, and the last data.
 
     Parameters
     ----------
     number
         Number of the PDO from 1.
     can_id
-        CAN-ID it is sent with.
+        CAN-ID of its frames.
     entries
-        The mapped entries in order, integers of 8, 16 or 32 bits.
+        Mapped entries in order, integers of 8, 16 or 32 bits.
 
     Attributes
     ----------
     layout
-        Of its data.
+        Layout of the data.
     received
-        Time in s at which data came last; None before.
+        Time in s of the last data; None before the first.
     """
 
     def __init__(self, number: int, can_id: int, entries: list[Entry]) -> None:
@@ -264,7 +264,7 @@ class PublishedPdo:
         self.received: float | None = None
 
     def take(self, data: bytes | bytearray, now: float) -> bool:
-        """Take received data; of a length that is not the mapping's, return False."""
+        """Store received data; return False if the length differs from the mapping."""
         if len(data) != self._size:
             return False
         self.values = self._unpack(data)
@@ -273,25 +273,25 @@ class PublishedPdo:
 
 
 def published_pdos(od: ObjectDictionary, read: Callable[[Entry], int]) -> list[PublishedPdo]:
-    """Ask a node what its public TPDOs carry.
+    """Read from a node what its public TPDOs carry.
 
     Parameters
     ----------
     od
-        The EDS of the node.
+        Object dictionary of the node.
     read
-        Reads an entry from the node over SDO.
+        Function that reads an entry from the node over SDO.
 
     Returns
     -------
     list of PublishedPdo
-        The valid ones that map only integers the EDS knows, by number.
+        Valid TPDOs that map only integers known to the EDS, by number.
     """
     return _pdos(od, read, TPDO_COMMUNICATION, TPDO_MAPPING)
 
 
 def commanded_pdos(od: ObjectDictionary, read: Callable[[Entry], int]) -> list[PublishedPdo]:
-    """Ask a node what the RPDOs of its master carry, as `published_pdos` does of its TPDOs."""
+    """Read from a node what the RPDOs of its master carry, as `published_pdos` for TPDOs."""
     return _pdos(od, read, RPDO_COMMUNICATION, RPDO_MAPPING)
 
 
@@ -306,12 +306,12 @@ def _pdos(
         record = mapping + number - 1
         count = read(od.entry(record, 0))
         if count > FRAME_BYTES:
-            # More than a frame has bytes, or a multiplexed PDO.
+            # More than the bytes of a frame, or a multiplexed PDO.
             continue
         mapped = [read(od.entry(record, position)) for position in range(1, count + 1)]
         entries = [od.get(value >> 16, value >> 8 & 0xFF) for value in mapped]
         known = [entry for entry in entries if entry is not None and entry.data_type in _FORMATS]
-        # A device may answer anything: a PDO that fits no frame is none.
+        # A device may answer anything: ignore a PDO that does not fit into a frame.
         if known and len(known) == count and sum(entry.size for entry in known) <= FRAME_BYTES:
             pdos.append(PublishedPdo(number, cob_id & CAN_ID_MASK, known))
     return pdos
@@ -319,10 +319,10 @@ def _pdos(
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Reading:
-    """What the stimulator published last."""
+    """The values that the stimulator published last."""
 
     age: float
-    """Age in s of the oldest value in it."""
+    """Age in s of the oldest value."""
     mode: Mode
     """Mode in force."""
     state: State
@@ -334,7 +334,7 @@ class Reading:
     normal_force: float
     """Normal force in N."""
     cof: float
-    """Coefficient of friction; NaN while no finger touches."""
+    """Coefficient of friction; NaN while the finger does not touch."""
     amplitude: float
     """Vibration amplitude in um peak-to-peak."""
     voltage: float
@@ -360,7 +360,7 @@ class Reading:
 
     @classmethod
     def from_snapshot(cls, snapshot: Snapshot, od: ObjectDictionary) -> Self:
-        """Convert raw values by the EDS of the stimulator.
+        """Convert raw values with the EDS of the stimulator.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Objects of a stimulator by name, and its set-points, in the units a person reads."""
+"""Objects of a stimulator by name, and its set-points, in units for people."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ from smarttac_can.vocabulary.states import State, state_in
 
 _HINTS: Final = 3
 _LEFT_OF_ZERO: Final = 1e-9
-"""What floats may leave of a 0, as in steps of 0.1 from -38 to 38."""
+"""Largest rounding error of a 0, for example in steps of 0.1 from -38 to 38."""
 _MESSAGE: Final = "Message"
 DISARM_FIRST: Final = "it is armed or running, disarm() first"
 ARMED: Final = (State.ARMED, State.RUNNING)
 """States in which a stimulator may drive its plate."""
 _SIDES: Final = 2
 SHOWN_UNITS: Final = {"mV": "V", "mN": "N", "nm": "um", "um": "mm"}
-"""What a person reads instead of the units of the objects: places in mm, amplitudes in um."""
+"""Units shown to people instead of those of the objects: places in mm, amplitudes in um."""
 _Choices = TypeVar("_Choices", bound=IntEnum)
 
 
 def finite(name: str, value: object) -> float:
-    """Return what a person gave for a number.
+    """Return a number given by a user.
 
     Raises
     ------
     ValueError
-        If it is none, or not finite.
+        If it is not a number, or not finite.
     """
     try:
         number = float(value) if isinstance(value, Real) else nan
@@ -51,7 +51,7 @@ def finite(name: str, value: object) -> float:
 
 
 def number_given(name: str, value: object) -> float:
-    """Return what a person gave for a number; 0 for what only floats have left of it.
+    """Return a number given by a user; 0 for a rounding error.
 
     Raises
     ------
@@ -63,12 +63,12 @@ def number_given(name: str, value: object) -> float:
 
 
 def truth(name: str, value: object) -> bool:
-    """Return what a person gave for True or False.
+    """Return a boolean given by a user.
 
     Raises
     ------
     ValueError
-        If it is neither: a text such as ``no`` would count as True.
+        If it is neither True nor False; a text such as ``no`` would count as True.
     """
     if not isinstance(value, bool):
         raise ValueError(f"{name} {value!r} is neither True nor False")
@@ -76,12 +76,12 @@ def truth(name: str, value: object) -> bool:
 
 
 def find_number(od: ObjectDictionary, name: str) -> Entry:
-    """Find an object that is a number by its name.
+    """Return the numeric object of a name.
 
     Raises
     ------
     BenchError
-        If there is none; the message has names that are near.
+        If there is none; the message suggests similar names.
     """
     entry = od.find(name) if isinstance(name, str) else None
     if entry is None:
@@ -95,7 +95,7 @@ def find_number(od: ObjectDictionary, name: str) -> Entry:
 
 
 def shown_unit(entry: Entry) -> str:
-    """Return the unit in which a recording and a live view have an object."""
+    """Return the unit in which recordings and live views show an object."""
     return SHOWN_UNITS.get(entry.unit.symbol, entry.unit.symbol)
 
 
@@ -105,12 +105,12 @@ def shown(entry: Entry, raw: Any) -> Any:
 
 
 def raw_value(entry: Entry, text: str) -> int:
-    """Return the raw value of an object for a text such as ``80 V``, whatever the limits.
+    """Return the raw value of an object for a text such as ``80 V``, without checking limits.
 
     Raises
     ------
     ValueError
-        If it is no number with a unit of this kind, or would become 0.
+        If it is not a number with a unit of this kind, or would become 0.
     """
     raw = entry.counts(text)
     require_kept(entry, raw, text.strip())
@@ -118,12 +118,12 @@ def raw_value(entry: Entry, text: str) -> int:
 
 
 def in_unit(name: str, value: float | str, unit: str) -> float:
-    """Return what a person gave, a number of a unit or a text such as ``80 V``, as such a number.
+    """Return a value given by a user, a number in `unit` or a text such as ``80 V``, in `unit`.
 
     Raises
     ------
     ValueError
-        If it is none, not finite, or has no unit of this kind.
+        If it is not a number, not finite, or has no unit of this kind.
     """
     if not isinstance(value, str):
         return number_given(name, value)
@@ -135,7 +135,7 @@ def in_unit(name: str, value: float | str, unit: str) -> float:
 
 
 def with_unit(name: str, value: float | str, unit: str) -> str:
-    """Return what a person gave, as for `in_unit`, as a text with a unit.
+    """Return a value given by a user, as for `in_unit`, as a text with a unit.
 
     Raises
     ------
@@ -147,7 +147,7 @@ def with_unit(name: str, value: float | str, unit: str) -> str:
 
 
 def by_name(choices: type[IntEnum], choice: int | str) -> int:
-    """Return the number of a choice that a person may have given by its name.
+    """Return the number of a choice given by a user as a number or a name.
 
     Raises
     ------
@@ -166,14 +166,14 @@ def by_name(choices: type[IntEnum], choice: int | str) -> int:
 
 
 class NamedObjects:
-    """Numbers of a stimulator, and of the simulation, over a link.
+    """Access by name to the numeric objects of a stimulator and of the simulation.
 
     Parameters
     ----------
     link
-        How the stimulator is reached.
+        Link to the stimulator.
     od
-        Its EDS.
+        Object dictionary from its EDS.
     """
 
     __slots__ = ("_link", "_od")
@@ -184,7 +184,7 @@ class NamedObjects:
 
     @property
     def message(self) -> str:
-        """Why the stimulator turned itself off; empty if it did not."""
+        """Reason why the stimulator turned itself off; empty if it did not."""
         return self._link.text("Message")
 
     def get(self, name: str, unit: str = "") -> float:
@@ -195,12 +195,12 @@ class NamedObjects:
         name
             Name of the object.
         unit
-            Such as ``V``; its displayed unit if empty.
+            Unit of the result, such as ``V``; the displayed unit of the object if empty.
 
         Raises
         ------
         BenchError
-            If there is no such object, or it is no number.
+            If the object does not exist, or is not a number.
         ValueError
             If the unit is of another kind.
         """
@@ -210,39 +210,39 @@ class NamedObjects:
         return float(entry.unit.times(self._link.read(name), unit or entry.unit.symbol))
 
     def set(self, name: str, value: float | str) -> None:
-        """Write an object by name; refused, not clipped, outside its limits.
+        """Write an object by name; a value outside its limits is refused, not clipped.
 
         Parameters
         ----------
         name
             Name of the object.
         value
-            A number of its displayed unit, or a text with any unit of that kind: ``80 V``.
+            Number in the displayed unit, or a text with any unit of that kind: ``80 V``.
 
         Raises
         ------
         RefusedError
             If the device refuses the value; nothing has changed then.
         BenchError
-            If there is no such object, or it is no number.
+            If the object does not exist, or is not a number.
         ValueError
-            If the value is not finite, its unit of another kind, or it is not 0 and the step of
-            the object would make 0 of it.
+            If the value is not finite, has a unit of another kind, or is not 0 but would be rounded
+            to 0 by the step of the object.
         """
         self._write(name, self._raw(name, value))
 
     def _set_all(self, values: Mapping[str, float | str]) -> None:
-        """Write objects by name, in this order; where one is refused, none changes.
+        """Write objects by name, in this order; if one is refused, none is changed.
 
         Parameters
         ----------
         values
-            By name, each as for `set`.
+            Values by name, each as for `set`.
 
         Raises
         ------
         RefusedError, BenchError, ValueError
-            As `set`; what had been written before is put back.
+            As `set`; the objects written before are restored.
         """
         raws = {name: self._raw(name, value) for name, value in values.items()}
         before: dict[str, int] = {}
@@ -264,21 +264,21 @@ class NamedObjects:
         return raw_value(entry, text)
 
     def nearest(self, name: str, value: float) -> float:
-        """Return the number that an object holds when it takes the one nearest to a measured one.
+        """Return the value that an object holds after rounding a measured value to its step.
 
-        `set` refuses what would become 0, and this does not.
+        `set` refuses a value that is rounded to 0; this returns 0.
 
         Parameters
         ----------
         name
             Name of the object.
         value
-            A number of its displayed unit.
+            Number in the displayed unit.
 
         Raises
         ------
         BenchError
-            If there is no such object, or it is no number.
+            If the object does not exist, or is not a number.
         ValueError
             If the value is not finite.
         """
@@ -287,7 +287,7 @@ class NamedObjects:
         return float(counts * entry.unit.number)
 
     def _write(self, name: str, raw: int) -> None:
-        """Write a raw value; the error names a refusal for being armed or running."""
+        """Write a raw value; if it is refused because of being armed, the error says so."""
         try:
             self._link.write(name, raw)
         except RefusedError as error:
@@ -304,7 +304,7 @@ class NamedObjects:
 
 
 class InUnit(property):
-    """A property that is one object of a stimulator, in a unit of its own.
+    """A property for one object of a stimulator, in a fixed unit.
 
     Parameters
     ----------
@@ -313,7 +313,7 @@ class InUnit(property):
     unit
         Unit of the property.
     text
-        What the property is.
+        Docstring of the property.
     """
 
     def __init__(self, name: str, unit: str, text: str) -> None:
@@ -333,16 +333,16 @@ class InUnit(property):
 
 
 class Choice(property, Generic[_Choices]):
-    """A property that is one object of a stimulator, set by a member of its choices or a name.
+    """A property for one object of a stimulator with choices, set by a member or its name.
 
     Parameters
     ----------
     name
         Name of the object.
     choices
-        What its values mean.
+        Enumeration of its values.
     text
-        What the property is.
+        Docstring of the property.
     """
 
     def __init__(self, name: str, choices: type[_Choices], text: str) -> None:
@@ -352,7 +352,7 @@ class Choice(property, Generic[_Choices]):
         def write(bench: NamedObjects, choice: _Choices | str) -> None:
             bench.set(name, by_name(choices, choice))
 
-        read.__annotations__["return"] = choices  # for who shows its type
+        read.__annotations__["return"] = choices  # shown by documentation tools and editors
         super().__init__(read, write)
         self.__doc__ = text
 
@@ -363,12 +363,12 @@ class Choice(property, Generic[_Choices]):
 
 
 class BothSides(property):
-    """A property that is the set-points of the COF; a number sets both.
+    """A property for both set-points of the COF; a number sets both.
 
     Parameters
     ----------
     text
-        What the property is.
+        Docstring of the property.
     """
 
     def __init__(self, text: str) -> None:

@@ -1,4 +1,4 @@
-"""python-canopen's network whose frames others hear: on a bus, in this process, or into a log."""
+"""python-canopen's network with taps for frames: on a bus, in this process, or into a log."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from smarttac_can.master.errors import BenchError
 from smarttac_can.od.cia import CAN_ID_MASK
 
 Tap = tuple[Container[int], Hear]
-"""Identifiers, and what is called with the frames that have one of them."""
+"""Identifiers, and the function that receives frames with one of them."""
 ALL: Final = range(CAN_ID_MASK + 1)
 """All identifiers."""
 _LOOK_S: Final = 0.02
@@ -46,22 +46,22 @@ _OUT_OF_ORDER: Final = (
 
 
 class _Strays(can.Listener):
-    """Keeps the receiving thread of python-can going after something that is no message."""
+    """Keeps the receiving thread of python-can alive after input that is not a message."""
 
     def __init__(self, network: canopen.Network) -> None:
         self._network = network
         self.last: Exception | None = None
 
     def on_message_received(self, msg: can.Message) -> None:
-        """Do nothing: python-can asks for it."""
+        """Do nothing; python-can requires this method."""
 
     def on_error(self, exc: Exception) -> None:
-        """Note what is no message and go on; anything else python-can has to handle.
+        """Store an error about an invalid message, so that the thread goes on.
 
         Raises
         ------
         NotImplementedError
-            If the bus has failed: python-can takes this for "not handled" and ends the thread.
+            If the bus has failed; python-can regards this as "not handled" and ends the thread.
         """
         if not is_stray(self._network.bus, exc):
             raise NotImplementedError
@@ -69,16 +69,16 @@ class _Strays(can.Listener):
 
 
 class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is untyped
-    """A network that passes its data frames, sent and received, on to its taps.
+    """A network that passes its data frames, sent and received, to its taps.
 
     Attributes
     ----------
     taps
-        Called before who subscribes to a frame, in the thread that sends or receives.
+        Taps called before the subscribers of a frame, in the thread that sends or receives.
     own_taps
-        Called with sent frames alone.
+        Taps called only for sent frames.
     hears_itself
-        Whether its bus has to echo what is sent, by an option or python-can's configuration.
+        Whether its bus echoes sent frames, by an option or the configuration of python-can.
     """
 
     def __init__(self) -> None:
@@ -91,14 +91,14 @@ class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is
         self.hears_itself = False
 
     threaded: ClassVar[bool] = True
-    """Whether a thread receives, so that what a sent frame causes may come at any time."""
+    """Whether a thread receives, so that the effects of a sent frame may come at any time."""
 
     def now(self) -> float:
-        """Return the time in s by which its frames are dated."""
+        """Return the present time in s, on the clock used for frames."""
         return monotonic()
 
     def connect(self, **options: Any) -> Self:
-        """Connect to a bus of python-can, by its options."""
+        """Connect to a bus of python-can with its options."""
         self._options = kept_here(options)
         self.hears_itself = bool(configured(options).get("receive_own_messages"))
         super().connect(**self._options)
@@ -117,7 +117,7 @@ class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is
             return can.Bus(**options)
 
     def check(self) -> None:
-        """Raise what has ended the receiving, if anything has."""
+        """Raise the error that has ended the receiving, if there is one."""
         error = None if self.notifier is None else self.notifier.exception
         if error is None or error is self._strays.last or is_stray(self.bus, error):
             return
@@ -130,7 +130,7 @@ class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is
         super().send_message(can_id, data, remote)
 
     def notify(self, can_id: int, data: bytearray, timestamp: float) -> None:
-        """Take a received frame."""
+        """Pass on a received frame."""
         _to_taps(self.taps, can_id, bytes(data))
         super().notify(can_id, data, timestamp)
 
@@ -142,12 +142,12 @@ def _to_taps(taps: Iterable[Tap], can_id: int, data: bytes) -> None:
 
 
 class LocalNetwork(TappedNetwork):
-    """A network without threads: what a sent frame causes has happened when sending returns.
+    """A network without threads: all effects of a sent frame have happened when `send` returns.
 
     Parameters
     ----------
     bus
-        The bus to take part in.
+        Bus to connect to.
     """
 
     threaded = False
@@ -162,7 +162,7 @@ class LocalNetwork(TappedNetwork):
         return self._local_bus.time * 1e-6
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
-        """Send a frame; all that it causes has happened on return."""
+        """Send a frame; all its effects have happened on return."""
         frame = Frame(can_id, bytes(data), remote)
         if not remote:
             _to_taps(self.taps, can_id, frame.data)
@@ -183,29 +183,29 @@ class LocalNetwork(TappedNetwork):
 
 @contextmanager
 def raw_log(network: TappedNetwork, path: Path) -> Iterator[str]:
-    """Log all frames of a bus while a block lasts, those that the network sends as well.
+    """Log all frames of a bus during a block, including those that the network sends.
 
-    A handle of its own takes them, where the interface lets it hear what the network sends: so all
-    have the order and the times of the bus.
+    If the interface lets a second handle receive what this process sends, such a handle logs the
+    frames, so that all have the order and the times of the bus.
 
     Parameters
     ----------
     network
-        Connected, or on a local bus.
+        Network that is connected, or on a local bus.
     path
-        A file that does not exist yet: ASC, BLF, CSV, candump (``.log``), SQLite, TRC and so on by
-        its suffix.
+        File to create; it must not exist. Its suffix selects the format: ASC, BLF, CSV, candump
+        (``.log``), SQLite, TRC and so on.
 
     Yields
     ------
     str
-        What of the log is not as on the bus, in one line; empty if all is.
+        One line on how the log differs from the bus; empty if it does not.
 
     Raises
     ------
     BenchError
-        If it exists, cannot be written, or python-can has no such format, or if the bus cannot be
-        opened a second time; after the block, if not all of it could be heard or written.
+        If the file exists or cannot be written, python-can does not have the format, or the bus
+        cannot be opened a second time; after the block, if frames could not be received or written.
     """
     note = ""
     with ExitStack() as stack:
@@ -228,7 +228,7 @@ def raw_log(network: TappedNetwork, path: Path) -> Iterator[str]:
 
 
 class _File:
-    """A file that takes messages of several threads, and keeps what it did not take."""
+    """A file that logs messages from several threads, and keeps the errors of failed writes."""
 
     def __init__(self, path: Path) -> None:
         self._logger = _open(path)
@@ -238,18 +238,18 @@ class _File:
 
     def log(self, message: can.Message) -> None:
         with self._lock:
-            # An error here would end the thread that hears the bus, or what the bench is sending.
+            # An error raised here would end the receiving thread, or a transfer of the bench.
             if not self.failures:
                 try:
                     self._logger.on_message_received(message)
-                except Exception as error:  # noqa: BLE001 (the formats raise what they like)
+                except Exception as error:  # noqa: BLE001 (formats raise errors of any type)
                     self.failures.append(error)
 
     def stop(self) -> None:
         with self._lock:
             try:
                 self._logger.stop()
-            except Exception as error:  # noqa: BLE001 (what it still held may not fit)
+            except Exception as error:  # noqa: BLE001 (the buffered rest may not fit on the disk)
                 self.failures.append(error)
 
 
@@ -258,7 +258,7 @@ def _open(path: Path) -> can.Listener:
         raise BenchError(f"{path} exists: give the raw log another name")
     try:
         return can.Logger(path)
-    except Exception as error:  # the formats raise what they like
+    except Exception as error:  # formats raise errors of any type
         with suppress(OSError):
             if not path.stat().st_size:
                 path.unlink()
@@ -271,7 +271,6 @@ def _why(error: Exception) -> object:
 
 @contextmanager
 def _tapping(network: LocalNetwork, file: _File) -> Iterator[None]:
-    """Log the frames of a local bus, where all pass in one thread."""
     begun = time() - network.now()
 
     def tap(can_id: int, data: bytes) -> None:
@@ -287,17 +286,17 @@ def _tapping(network: LocalNetwork, file: _File) -> Iterator[None]:
 
 @contextmanager
 def _listening(bus: can.BusABC, file: _File) -> Iterator[None]:
-    """Log what a handle of its own hears, up to what was sent before the block ended.
+    """Log the frames that a second handle receives, until those sent before the end of the block.
 
     Raises
     ------
     BenchError
-        After the block, if the handle failed before.
+        After the block, if the handle failed during it.
     """
     end = inf
     broken: list[Exception] = []
-    # A thread that sends on a virtual bus may be held up before all have its frame, and an answer
-    # overtake it: the stamps know better.
+    # On a virtual bus the sending thread may be delayed before all have received its frame, so
+    # that an answer overtakes it. The time stamps give the right order.
     waiting: list[tuple[float, int, can.Message]] = []
 
     def stop() -> None:
@@ -330,7 +329,7 @@ def _listening(bus: can.BusABC, file: _File) -> Iterator[None]:
 
 @contextmanager
 def _beside(network: TappedNetwork, file: _File) -> Iterator[None]:
-    """Log what the network receives and, unless it hears itself, what it sends, as it does."""
+    """Log the frames that the network receives and, unless they are echoed, those that it sends."""
 
     def tap(can_id: int, data: bytes) -> None:
         file.log(can.Message(time(), can_id, is_extended_id=False, is_rx=False, data=data))

@@ -1,4 +1,4 @@
-"""What lies on a plate: a simulated finger, or known weights for a calibration."""
+"""Loads on a plate: a simulated finger, or known weights for a calibration."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from smarttac_can.vocabulary.meanings import LIFTED, RECORDED, STROKE
 if TYPE_CHECKING:
     import _csv
 STANDARD_GRAVITY: Final = 9.80665
-"""In m/s^2."""
+"""Standard gravity in m/s^2."""
 _RANGES: Final = {
     "mass_g": (1.0, 800.0),
     "angle_deg": (0.0, 60.0),
@@ -35,21 +35,21 @@ _LONGEST_LINE: Final = 200
 
 
 class SimulatedFinger:
-    """What a simulated plate plays; every change is in force from the next `Stimulator.start_run`.
+    """Finger of a simulated plate; a change is in force from the next `Stimulator.start_run` on.
 
-    A plate of hardware refuses all of it.
+    A hardware plate refuses every change.
 
     Parameters
     ----------
     read
-        Reads an object by name in a unit, `Stimulator.get`.
+        Function that reads an object by name in a unit: `Stimulator.get`.
     write
-        Writes objects by name, all or none, as `NamedObjects` does.
+        Function that writes objects by name, all or none, as `NamedObjects` does.
 
     Attributes
     ----------
     speed : float
-        Speed in mm/s that `stroke` was given last; 50 before.
+        Speed in mm/s of the last `stroke`; 50 before the first.
     """
 
     def __init__(
@@ -95,12 +95,12 @@ class SimulatedFinger:
         self._write({"Finger.Motion": LIFTED})
 
     def play_recording(self) -> None:
-        """Play the recorded finger that the plate was started with, ``--finger FILE``.
+        """Play the recorded finger with which the plate was started, ``--finger FILE``.
 
         Raises
         ------
         RefusedError
-            If it was started without one.
+            If the plate was started without a recorded finger.
         """
         try:
             self._write({"Finger.Motion": RECORDED})
@@ -120,14 +120,14 @@ class SimulatedFinger:
         force_variation: float | str = 0.0,
         speed_variation: float | str = 0.0,
     ) -> None:
-        """Slide to and fro over the middle of the plate.
+        """Stroke to and fro over the middle of the plate.
 
-        Quantities may be texts with a unit, too: ``500 mN``.
+        Quantities may also be texts with a unit: ``500 mN``.
 
         Parameters
         ----------
         subject
-            Number of the subject: 1..5 the presets, 6..9 those fitted to Table I.
+            Number of the subject: 1..5 are presets, 6..9 are fitted to Table I.
         force
             Normal force in N, 0.05..2.
         speed
@@ -135,14 +135,14 @@ class SimulatedFinger:
         travel
             Distance between the turning points in mm, 1..50.
         force_variation, speed_variation
-            How far they vary from pass to pass, as a fraction, 0..0.5.
+            Variation from pass to pass, as a fraction, 0..0.5.
 
         Raises
         ------
         RefusedError
-            If one is out of range; nothing has changed then.
+            If a value is out of range; nothing has changed then.
         ValueError
-            If one is no number or text with such a unit, or `subject` is no integer.
+            If a value is not a number or text with such a unit, or `subject` is not an integer.
         """
         self._write(
             {
@@ -158,24 +158,24 @@ class SimulatedFinger:
         self.speed = in_unit("speed", speed, "mm/s")
 
     def put(self, placing: Placing, gravity: float = STANDARD_GRAVITY) -> None:
-        """Put a weight on the simulated plate, tilted as it says, instead of the one before.
+        """Put a weight on the simulated plate, with the tilt of the placing; the last one leaves.
 
-        It lies there at once, and until another is put: ``placing.empty`` takes it away. Lift the
+        It acts at once, until another placing is put; ``placing.empty`` takes it away. Lift the
         finger first.
 
         Parameters
         ----------
         placing
-            Weight, tilt and place, as for `weigh`.
+            Weight, tilt and position, as for `weigh`.
         gravity
-            In m/s^2.
+            Gravity in m/s^2.
 
         Raises
         ------
         RefusedError
-            If a force is above 8 N; also of a plate of hardware.
+            If a force is above 8 N, or the plate is hardware.
         ValueError
-            If it is no `Placing`.
+            If `placing` is not a `Placing`.
         """
         if not isinstance(placing, Placing):
             raise ValueError(f"placing {placing!r} is no Placing")
@@ -201,7 +201,7 @@ class SimulatedFinger:
         temperature: float | str | None = None,
         drive_instant: float | str | None = None,
     ) -> None:
-        """Set what else a run depends on; what is not given stays.
+        """Set other conditions of a run; omitted ones are not changed.
 
         Parameters
         ----------
@@ -210,7 +210,7 @@ class SimulatedFinger:
         temperature
             Ambient temperature in degC, 0..60.
         drive_instant
-            When the plate puts a drive in force, in us after the tick, 0..999.
+            Time in us from the tick until the plate puts a drive in force, 0..999.
 
         Raises
         ------
@@ -234,27 +234,27 @@ def _integer(name: str, value: int) -> int:
 
 
 class Placing(NamedTuple):
-    """Where a weight is to be put, and how the plate is to be tilted.
+    """Position of a weight and tilt of the plate.
 
-    As a text it says what to do: ``put 200 g at -20 mm``.
+    As a text it is an instruction: ``put 200 g at -20 mm``.
     """
 
     mass_g: float
     angle_deg: float
-    """Of the plate from level."""
+    """Angle between the plate and the horizontal."""
     azimuth_deg: float
-    """Direction in which it falls: 0 along x, 90 along y."""
+    """Direction in which the plate falls: 0 along x, 90 along y."""
     x_mm: float
-    """Position of the weight from the middle; counts where the plate is level."""
+    """Position of the weight from the middle; used only if the plate is level."""
 
     @property
     def level(self) -> bool:
-        """Whether the weight loads no lateral gauge."""
+        """Whether the plate is level, so that the weight loads no lateral gauge."""
         return self.angle_deg == 0.0
 
     @property
     def empty(self) -> Placing:
-        """The plate at the same tilt without a weight."""
+        """Placing with the same tilt without a weight."""
         return self._replace(mass_g=0.0)
 
     def __str__(self) -> str:
@@ -272,7 +272,7 @@ class Placing(NamedTuple):
 
 
 class Weighing(NamedTuple):
-    """A weight, with what the gauges showed at the same tilt without it and with it."""
+    """A weight, with the gauge readings at the same tilt without it and with it."""
 
     placing: Placing
     empty: npt.NDArray[np.float64]
@@ -282,11 +282,11 @@ class Weighing(NamedTuple):
 
     @property
     def gauges(self) -> npt.NDArray[np.float64]:
-        """What the weight has added to S1..S6 in N."""
+        """Change of S1..S6 by the weight in N, shape (6,)."""
         return self.loaded - self.empty
 
     def as_json(self) -> dict[str, Any]:
-        """Return what a certificate holds of it."""
+        """Return the weighing for a certificate."""
         raw = {"empty_mN": self.empty, "loaded_mN": self.loaded}
         return self.placing._asdict() | {
             name: [round(float(value) * 1e3, 3) for value in values] for name, values in raw.items()
@@ -300,9 +300,9 @@ def read_plan(path: Path | str) -> list[Placing]:
     Raises
     ------
     ValueError
-        If it is no such file, or a number is out of range; names the line.
+        If the file has another form, or a number is out of range; the message names the line.
     OSError
-        If it cannot be read.
+        If the file cannot be read.
     """
     path = Path(path)
     with TextIOWrapper(open_regular(path), encoding="utf-8", newline="") as file:

@@ -1,7 +1,7 @@
 """Fixtures for tests of your own bench code: a stimulator and its bus, without hardware.
 
-Installed with the package; a test that takes ``stimulator`` gets one. Nothing is imported before
-one of them is used: pytest loads this file for everybody who has the package.
+The plug-in is installed with the package: a test with the argument ``stimulator`` gets one. Imports
+are inside the fixtures, because pytest loads this file for every user of the package.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ def smarttac_bus() -> Iterator[dict[str, Any]]:
     from smarttac_can.host.runner import node_in_thread  # noqa: PLC0415
 
     options: dict[str, Any] = {"interface": "virtual", "channel": f"smarttac-{uuid4().hex}"}
-    # An error of the node is an error of the test.
+    # An error of the node fails the test.
     with node_in_thread(stimulator_with_plate(), PythonCanBus(**options), lockstep=True):
         yield options
 
 
 @pytest.fixture
 def stimulator(smarttac_bus: dict[str, Any]) -> Iterator[Stimulator]:
-    """Connect a `Stimulator` to ``smarttac_bus``: every run of a test gives the same numbers."""
+    """Connect a `Stimulator` to ``smarttac_bus``; every run of a test gives the same numbers."""
     from smarttac_can.bench.stimulator import Stimulator  # noqa: PLC0415 - see above
 
     with Stimulator.connect(**smarttac_bus, lockstep=True) as bench:
@@ -48,15 +48,15 @@ def stimulator(smarttac_bus: dict[str, Any]) -> Iterator[Stimulator]:
 
 @pytest.fixture
 def make_stimulator() -> Iterator[Callable[..., Stimulator]]:
-    """Make as many stimulators as a test needs, each on a virtual bus of its own, in lockstep.
+    """Create as many stimulators as a test needs, each on its own virtual bus, in lockstep.
 
     Yields
     ------
     callable
         ``make_stimulator(subject=1, seed=1, plate_inside=True, presets={})``: subject 1..9, seed of
         noise and finger, whether the plate is inside the stimulator, values by name that replace
-        defaults, as in `Stimulator.simulate`. Returns a `Stimulator`, closed with the test.
-        ``ValueError`` or ``BenchError`` for a preset that is none, as there.
+        defaults, as in `Stimulator.simulate`. It returns a `Stimulator`, closed after the test, and
+        raises ``ValueError`` or ``BenchError`` for an invalid preset.
     """
     from uuid import uuid4  # noqa: PLC0415 - see above
 

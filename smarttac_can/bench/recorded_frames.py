@@ -1,4 +1,4 @@
-"""Frames of a recording decoded piece by piece: rows, gaps and events; no clock, no file."""
+"""Decode the frames of a recording piece by piece to rows, gaps and events; no clock, no file."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ from smarttac_can.vocabulary.textures import TABLE_NAMES
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 
 _MOST_WAITING: Final = 1 << 18
-"""Records that wait for the end of their cycle, which may never come."""
+"""Most records that wait for the end of their cycle, which may never come."""
 _WRAP: Final = 1 << 16
 _FEW: Final = 100
-"""Ticks that may be missing where a run goes on; one that begins anew is farther off."""
+"""After a reported restart the run goes on if the tick has advanced by 1 to this number."""
 _AHEAD_MS: Final = 1000
-"""Ticks follow the clock, and their frames are taken within this time."""
+"""Most ms that ticks may be ahead of the clock if they follow it."""
 _AMBIGUOUS_MS: Final = 60_000
-"""The 16 bits of the tick come round after 65.5 s."""
+"""Silence in ms after which the clock counts the overflows of the 16-bit tick, one per 65.5 s."""
 Flags = npt.NDArray[np.bool_]
 TICK: Final = "Contact.Tick"
 Places = npt.NDArray[np.intp]
 _EMCY_BYTES: Final = 8
 _MOST_MARKER_BYTES: Final = 4000
-"""Of 1000 characters; a log that is damaged may go on and on."""
+"""Bytes of a text of 1000 characters; a damaged log may hold a longer one."""
 
 
 class Dated(NamedTuple):
-    """An event, and the row before it."""
+    """An event, with run and tick of the row before it."""
 
     event: Event
     run: int
@@ -49,7 +49,7 @@ class Dated(NamedTuple):
 
 
 class RecordedFrames:
-    """Makes rows and events of the records of a log.
+    """Decodes the records of a log to rows and events.
 
     Parameters
     ----------
@@ -59,11 +59,11 @@ class RecordedFrames:
     Attributes
     ----------
     ods
-        EDS of each node by node-ID.
+        Object dictionary of each node by node-ID.
     tpdos
-        What the stimulator published.
+        TPDOs that the stimulator published.
     events
-        Taken so far, in order; none of them is a restart.
+        Events decoded so far, in order, without restarts.
 
     Raises
     ------
@@ -86,12 +86,12 @@ class RecordedFrames:
 
     @property
     def gaps(self) -> list[Gap]:
-        """Ticks that are missing between the rows so far."""
+        """Ticks missing between the rows so far."""
         return self._rows.gaps
 
     @property
     def channels(self) -> dict[str, bool]:
-        """Objects of the channels by name, and whether they come in every cycle."""
+        """Objects of the channels by name, and whether each is sent in every cycle."""
         return {
             entry.name: pdo.every_cycle
             for pdo in self.tpdos
@@ -100,14 +100,14 @@ class RecordedFrames:
         }
 
     def take(self, records: Records, last: bool = False) -> Rows:
-        """Take the next records, and return the rows that are complete with them.
+        """Decode the next records, and return the rows that they complete.
 
         Parameters
         ----------
         records
-            In order.
+            Records in order.
         last
-            Whether there are no more: the events after the last row are taken, too.
+            Whether these are the last records: then also decode events after the last row.
         """
         records = np.concatenate((self._rest, records))
         ends = self._rows.ends(records)
@@ -131,22 +131,22 @@ class RecordedFrames:
 
 
 class Counted(NamedTuple):
-    """Ticks of rows; arrays of equal length."""
+    """Ticks of rows, as arrays of equal length."""
 
     run: Integers
     """Number of the run of ticks, from 0."""
     tick: Integers
-    """Tick in ms; rises within a run."""
+    """Tick in ms; increases within a run."""
     origin: Integers
     """Tick with which the run began."""
     follows: Flags
-    """Whether no tick is missing before it."""
+    """Whether no tick is missing before the row."""
     new: Flags
-    """Whether it is not the tick of the row before once more."""
+    """Whether the tick differs from that of the row before."""
 
 
 class TickCount:
-    """Counts the ticks of rows that are given piece by piece.
+    """Counts the ticks of rows that arrive piece by piece.
 
     Parameters
     ----------
@@ -156,25 +156,25 @@ class TickCount:
 
     def __init__(self, clocked: bool) -> None:
         self._clocked = clocked
-        # Of the last row: tick on the bus, time in ns, run, tick, and where the run began.
+        # Last row: tick on the bus, time in ns, run, tick, and the first tick of the run.
         self._last = (0, 0, -1, -1, -1)
 
     def count(self, wire: Integers, time_ns: Integers, restarted: Flags) -> Counted:
-        """Count the next rows.
+        """Count the ticks of the next rows.
 
         Parameters
         ----------
         wire
-            Their ticks, modulo 2^16.
+            Ticks of the rows, modulo 2^16.
         time_ns
-            When they came.
+            Times in ns when they were received.
         restarted
-            Whether a node, or the simulation, has reported before a row that it begins anew.
+            Whether a node, or the simulation, has reported a restart before each row.
         """
         delta, anew = self._steps(wire, time_ns, restarted)
         steps = np.cumsum(np.where(anew, 0, delta))
         begun = np.maximum.accumulate(np.where(anew, np.arange(len(anew)), -1))
-        # Before the first that begins anew the last run goes on.
+        # Until the first restart the run of the last piece goes on.
         _, _, run, tick, origin = self._last
         ticks = np.where(begun < 0, tick + steps, wire[begun] + steps - steps[begun])
         counted = Counted(
@@ -190,7 +190,7 @@ class TickCount:
         return counted
 
     def _steps(self, wire: Integers, time_ns: Integers, restarted: Flags) -> tuple[Integers, Flags]:
-        """Return by how many ticks each row is further than the one before, or begins anew."""
+        """Return the ticks from each row's predecessor to it, and whether a run begins with it."""
         delta = np.diff(wire, prepend=self._last[0]) % _WRAP
         elapsed = np.diff(time_ns, prepend=self._last[1]) // 1_000_000
         back = delta > _WRAP // 2
@@ -211,32 +211,32 @@ class Gap(NamedTuple):
     first: int
     last: int
     time_ns: int
-    """When the row after them came."""
+    """Time when the row after the gap was received."""
 
 
 class Rows(NamedTuple):
     """Rows of a piece of a recording; all arrays have the same length."""
 
     at: Places
-    """Place of the last frame of each row among the records."""
+    """Index of the last frame of each row among the records."""
     time_ns: Integers
     run: Integers
     """Number of the run of ticks, from 0; a restart of node or simulation begins another."""
     tick: Integers
-    """Tick in ms; within a run it rises."""
+    """Tick in ms; increases within a run."""
     values: dict[str, Integers]
     """Raw values by name of the object."""
 
 
 class RecordedPdo:
-    """What a PDO carries, by the head of a log.
+    """Layout of a PDO, from the head of a log.
 
     Parameters
     ----------
     od
-        EDS of the node.
+        Object dictionary of the node.
     head
-        Its number, CAN-ID, names of the mapped objects, and whether it comes in every cycle.
+        Number and CAN-ID of the PDO, names of the mapped objects, whether it is sent every cycle.
     """
 
     def __init__(self, od: ObjectDictionary, head: Mapping[str, Any]) -> None:
@@ -247,7 +247,7 @@ class RecordedPdo:
         self._dtype = np.dtype(fields)
 
     def found(self, records: Records) -> npt.NDArray[np.bool_]:
-        """Return which records are frames of it."""
+        """Return which records are frames of this PDO."""
         found: npt.NDArray[np.bool_] = (
             (records["can_id"] == self.can_id)
             & (records["kind"] == FRAME)
@@ -256,33 +256,33 @@ class RecordedPdo:
         return found
 
     def values(self, records: Records) -> dict[str, Integers]:
-        """Return the raw values that its frames carry, by name."""
+        """Return the raw values of frames of this PDO, by name."""
         data = np.ascontiguousarray(records["data"][:, : self._dtype.itemsize])
         fields = data.view(self._dtype).reshape(len(records))
         return {entry.name: fields[entry.name].astype(np.int64) for entry in self.entries}
 
 
 class RowReader:
-    """Makes rows of records that are given piece by piece.
+    """Decodes records that arrive piece by piece to rows.
 
     Parameters
     ----------
     pdos
-        TPDOs by number; one of those of every cycle carries the tick.
+        TPDOs by number; one of those sent in every cycle carries the tick.
     held
-        Raw values, by name, of what comes only when it changes, before it comes.
+        Initial raw values, by name, of the objects that are sent only on a change.
     clocked
         Whether ticks follow the clock.
 
     Attributes
     ----------
     gaps
-        Found so far.
+        Gaps found so far.
 
     Raises
     ------
     ValueError
-        If no TPDO of every cycle carries the tick.
+        If no TPDO that is sent in every cycle carries the tick.
     """
 
     def __init__(self, pdos: Sequence[RecordedPdo], held: Mapping[str, int], clocked: bool) -> None:
@@ -295,39 +295,39 @@ class RowReader:
         self._restarted = False
         self._waiting: _Candidates | None = None
         self._given = (-1, -1)
-        """Run and tick of the last row that was given out."""
+        """Run and tick of the last returned row."""
         self.gaps: list[Gap] = []
 
     def ends(self, records: Records) -> Places:
-        """Find the last frame of each cycle."""
+        """Return the index of the last frame of each cycle."""
         return np.flatnonzero(self._cycle[-1].found(records))
 
     def take(self, records: Records, restarts: Places, last: bool = False) -> Rows:
-        """Return rows of the next records.
+        """Return the rows of the next records.
 
         Parameters
         ----------
         records
-            In order.
+            Records in order.
         restarts
-            Places among them where a node, or the simulation, reported that it begins anew.
+            Indices of the records in which a node, or the simulation, reported a restart.
         last
-            Whether there are no more; else the last row waits for the one after it.
+            Whether these are the last records; otherwise the last row waits for its successor.
         """
         at, values = self._whole_cycles(records)
         for pdo in self._seldom:
             values |= self._last_known(pdo, records, at)
         time_ns = records["time_ns"][at].astype(np.int64)
         counted = self._ticks.count(values.pop(TICK), time_ns, self._since_restart(restarts, at))
-        # When a cycle comes late, the event timers of the TPDOs repeat the one before.
+        # When a cycle is late, the event timers of the TPDOs send the values of the last one again.
         rows = Rows(at, time_ns, counted.run, counted.tick, values)
         found = _Candidates(rows, counted.follows, counted.origin).chosen(counted.new)
         return self._sure(found, last)
 
     def _sure(self, found: _Candidates, last: bool) -> Rows:
-        """Leave out the rows beside a loss, and name what is missing.
+        """Drop the rows on both sides of a loss, and record the gap.
 
-        A loss may begin in one cycle and end in another: what is left of both looks like one.
+        A loss may begin in one cycle and end in another; what is left of both looks like one cycle.
         """
         if self._waiting is not None:
             found = self._waiting.joined(found)
@@ -348,9 +348,9 @@ class RowReader:
         return rows
 
     def _whole_cycles(self, records: Records) -> tuple[Places, dict[str, Integers]]:
-        """Find the last frame of each cycle that has all of its frames, and what these carry.
+        """Return the last frame of each complete cycle, and the values of its frames.
 
-        They come in the order of their numbers, after those of the cycle before.
+        The frames come in the order of their numbers, after those of the cycle before.
         """
         ends = self.ends(records)
         after = np.append(-1, ends[:-1])[: len(ends)]
@@ -368,7 +368,7 @@ class RowReader:
         return ends[whole], values
 
     def _last_known(self, pdo: RecordedPdo, records: Records, at: Places) -> dict[str, Integers]:
-        """Return for each row what a TPDO that comes only on a change carried last."""
+        """Return for each row the last values of a TPDO that is sent only on a change."""
         found = np.flatnonzero(pdo.found(records))
         count = np.searchsorted(found, at, side="right")
         columns = {}
@@ -391,23 +391,23 @@ class RowReader:
 
 
 class _Candidates(NamedTuple):
-    """Rows of which some may be mixed of two cycles."""
+    """Rows, some of which may mix frames of two cycles."""
 
     rows: Rows
     follows: Flags
-    """Whether no tick is missing before it."""
+    """Whether no tick is missing before the row."""
     origin: Integers
-    """Tick with which its run began."""
+    """First tick of the run of the row."""
 
     def chosen(self, which: Flags | slice) -> _Candidates:
-        """Return some of them."""
+        """Return the rows selected by `which`."""
         at, time_ns, run, tick, values = self.rows
         some = {name: column[which] for name, column in values.items()}
         rows = Rows(at[which], time_ns[which], run[which], tick[which], some)
         return _Candidates(rows, self.follows[which], self.origin[which])
 
     def joined(self, others: _Candidates) -> _Candidates:
-        """Return these, of records that are gone, and others after them."""
+        """Return these rows, from earlier records, followed by `others`."""
         mine, other = self.rows, others.rows
         values = {n: np.append(column, other.values[n]) for n, column in mine.values.items()}
         gone = np.full(len(mine.at), -1, other.at.dtype)
@@ -433,34 +433,34 @@ class Kind(Enum):
 
 
 class Event(NamedTuple):
-    """Something that happened."""
+    """An event of a recording."""
 
     kind: Kind
     at: int
-    """Place among the records."""
+    """Index among the records."""
     time_ns: int
     text: str = ""
-    """Of a marker or an emergency; name of the object whose value changed."""
+    """Text of a marker or an emergency; name of the object whose value changed."""
     node_id: int = 0
     raw: int = 0
     """Raw value of the object, emergency error code, or slot of a texture."""
     table: bytes = b""
-    """Of a texture, as it was written; empty where the slot was emptied."""
+    """Texture as written; empty if the slot was emptied."""
 
 
 class EventReader:
-    """Reads events of records that are given piece by piece.
+    """Decodes records that arrive piece by piece to events.
 
     Parameters
     ----------
     ods
-        EDS of each node by node-ID.
+        Object dictionary of each node by node-ID.
     node_id
-        That of the stimulator.
+        Node-ID of the stimulator.
     tpdos
         TPDOs of the stimulator, which are no events.
     commanded
-        Its RPDOs.
+        RPDOs of the stimulator.
     known
         Raw values by name before the first record.
     """
@@ -503,7 +503,6 @@ class EventReader:
         return events
 
     def _commands(self, at: int, record: np.void) -> Iterable[Event]:
-        """Read an RPDO: what it changes."""
         pdo = self._commanded[int(record["can_id"])]
         rows = np.array([record])
         if pdo.found(rows)[0]:
@@ -517,7 +516,7 @@ class EventReader:
     def _read(
         self, at: int, time_ns: int, frame: Frame, node_id: int, od: ObjectDictionary
     ) -> Iterable[Event]:
-        """Read a frame from or to a node that is no PDO."""
+        """Yield the events of a frame from or to a node that is not a PDO."""
         if frame == (HEARTBEAT_ID + node_id, BOOT_UP, False):
             yield Event(Kind.RESTART, at, time_ns, node_id=node_id)
         elif frame.can_id == EMCY_ID + node_id and len(frame.data) == _EMCY_BYTES:
@@ -531,7 +530,6 @@ class EventReader:
     def _taken(
         self, at: int, time_ns: int, node_id: int, entry: Entry, taken: Written
     ) -> Iterable[Event]:
-        """Read that a node has taken a value."""
         if entry.name in TABLE_NAMES:
             slot = TABLE_NAMES.index(entry.name) + 1
             yield Event(Kind.TEXTURE, at, time_ns, entry.name, node_id, slot, taken.data)
@@ -545,7 +543,6 @@ class EventReader:
 
 
 def _emergency(code: int, data: bytes) -> str:
-    """Return what an emergency message means, as the nodes of this package send it."""
     watchdog = data[3]
     if code and watchdog < len(Watchdog) and WATCHDOGS[Watchdog(watchdog)].code == code:
         return WATCHDOGS[Watchdog(watchdog)].text

@@ -1,4 +1,4 @@
-"""A recording that goes on in the background while a script, or somebody else, drives."""
+"""A recording in the background, while this script or another commander drives."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from smarttac_can.vocabulary.textures import TABLE_NAMES
 
 _LONGEST_TEXT: Final = 1000
 _INPUT: Final = "Plate input."
-"""Record that a plate node writes in every cycle: no setting."""
+"""Record that a plate node writes in every cycle; not a setting."""
 _NAMES: Final = (
     "Manufacturer device name",
     "Manufacturer hardware version",
@@ -32,30 +32,30 @@ _NAMES: Final = (
 
 
 class Recording:
-    """Records a stimulator while a ``with`` lasts; `Stimulator.record` makes one.
+    """Recording of a stimulator during a ``with`` block, created by `Stimulator.record`.
 
     Parameters
     ----------
     link
-        How the stimulator is reached.
+        Link to the stimulator.
     od
-        Its EDS.
+        Object dictionary from the EDS of the stimulator.
     path
-        The HDF5 file, which does not exist yet. While the recording lasts its log stands beside
-        it, with ``.log`` after the name.
+        HDF5 file to create; it must not exist. During the recording its log is beside it, with
+        ``.log`` appended to the name.
     raw
-        File for all frames of the bus in a format of python-can; None for none.
+        File for all frames of the bus in a format of python-can, or None.
     metadata
         Texts of up to 1000 characters, by the names in `METADATA`.
     stop
-        Called when an error ends the block, before the file is made.
+        Function called when an error ends the block, before the file is made.
 
     Attributes
     ----------
     summary
-        What it holds, when it is over; None before.
+        Summary of the finished recording; None before.
     raw_note
-        What of the raw log is not as on the bus, in one line; empty if all is, or there is none.
+        One line on how the raw log differs from the bus; empty if it does not, or there is none.
     """
 
     def __init__(
@@ -92,28 +92,28 @@ class Recording:
 
     @property
     def log_path(self) -> Path:
-        """The log beside the file."""
+        """Path of the log beside the file."""
         return self.path.with_name(f"{self.path.name}.log")
 
     @property
     def goes_on(self) -> bool:
-        """Whether it has begun and is not over."""
+        """Whether the recording has begun and not ended."""
         return self._log is not None
 
     @property
     def cycles(self) -> int:
-        """How many cycles came so far."""
+        """Number of cycles received so far."""
         return self._cycles
 
     def mark(self, text: str) -> None:
-        """Put a marker with a text of 1 to 1000 characters where the recording is.
+        """Add a marker with a text of 1 to 1000 characters at the present time.
 
         Raises
         ------
         ValueError
-            If the text is none, or too long.
+            If `text` is not a text, empty or too long.
         BenchError
-            If the recording has not begun, or is over.
+            If the recording has not begun, or has ended.
         """
         _require_text("marker", text, 1)
         if self._log is None:
@@ -121,7 +121,7 @@ class Recording:
         self._log.mark(text)
 
     def check(self) -> None:
-        """Raise BenchError if nothing is written any more, such as on a full disk."""
+        """Raise BenchError if the log cannot be written, for example on a full disk."""
         if self._log is not None:
             self._require_room(self._log)
 
@@ -169,7 +169,7 @@ class Recording:
                 step()
             except BenchError as failure:
                 failures.append(failure)
-        # The first failure is the one to report, with a note of the others.
+        # Report the first failure, with a note of the others.
         first = error or (failures[0] if failures else None)
         if first is not None:
             others = [str(failure) for failure in failures if str(failure) != str(first)]
@@ -200,7 +200,7 @@ class Recording:
             raise BenchError(f"{error}; {self._recover}") from error
 
     def _hearing(self, log: FrameLog, last: int) -> Callable[[int, bytes], None]:
-        """Return what takes the frames; those with the identifier `last` end a cycle."""
+        """Return a function that logs a frame; frames with the identifier `last` end a cycle."""
         write = log.frame
 
         def hear(can_id: int, data: bytes) -> None:
@@ -211,7 +211,6 @@ class Recording:
         return hear
 
     def _head(self) -> dict[str, Any]:
-        """Ask for what is to be known of the frames."""
         source, own = self._link.source(), self._od
         every_cycle = source.every_cycle
         carried = {n for pdo in source.published if pdo.number in every_cycle for n in pdo.names}
@@ -244,7 +243,7 @@ class Recording:
         return identity | {name: self._link.text(name) for name in _NAMES}
 
     def _settings(self) -> dict[str, int]:
-        """Read what can be set, as far as the device has it: calibration, limits, set-points."""
+        """Read all settable values that the device has: calibration, limits, set-points."""
         settings = {}
         for entry in self._od:
             settable = entry.readable and entry.writable and isinstance(entry.default, int)
@@ -255,7 +254,7 @@ class Recording:
         return settings
 
     def _textures(self) -> dict[int, str]:
-        """Read the tables that are in the slots, as far as the device has any, in hexadecimal."""
+        """Read the textures of the slots that the device has, by slot, in hexadecimal."""
         tables = {}
         for slot, name in enumerate(TABLE_NAMES, 1):
             if self._od.find(name) is not None:
@@ -266,7 +265,7 @@ class Recording:
 
 
 def _require_text(name: str, text: object, least: int) -> None:
-    """Refuse what is no text, too short or long, or has bytes that were no UTF-8 in a shell."""
+    """Refuse what is not a text, too short or long, or has surrogates of non-UTF-8 bytes."""
     if not isinstance(text, str) or not least <= len(text) <= _LONGEST_TEXT:
         raise ValueError(f"{name} {text!r:.60} is no text of {least} to {_LONGEST_TEXT} characters")
     if any("\ud800" <= character <= "\udfff" for character in text):

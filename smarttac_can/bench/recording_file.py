@@ -1,10 +1,10 @@
-"""The HDF5 file of a recording: made of its log, and read.
+"""The HDF5 file of a recording: make it from the log, and read it.
 
-Channels have the names, the units and the NaN of the arrays of a `Trace`. What else is mapped keeps
-the name of its object. All of the file, settings too, has the units of `SHOWN_UNITS`.
+Channels have the names, the units and the NaN of the arrays of a `Trace`. Other mapped objects keep
+their names. The whole file, settings included, uses the units of `SHOWN_UNITS`.
 
-A file of format 1 has names and units of the objects, and neither textures nor metadata; it is read
-as if it were of format 2.
+A file of format 1 has the names and units of the objects, and neither textures nor metadata. It is
+read as if it were of format 2.
 """
 
 from __future__ import annotations
@@ -45,61 +45,61 @@ FORMAT: Final = "SMARTTAC recording 2"
 _FORMAT_1: Final = "SMARTTAC recording 1"
 SUFFIXES: Final = (".h5", ".hdf5")
 METADATA: Final = ("subject", "operator", "notes")
-"""Names of what a person may note of a recording."""
+"""Names of the texts with which a person describes a recording."""
 _STATUS, _MODE = "Statusword", "Mode display"
 _NAMES: Final = {column.object: column.name for column in COLUMNS} | {
     "Plate temperature": "temperature_degc",
     _MODE: "mode",
 }
-"""Names of channels by object; others have the name of their object."""
+"""Names of channels by object; other channels have the name of their object."""
 _NEEDS: Final = {
     column.object: other.object
     for column in COLUMNS
     for other in COLUMNS
     if column.needs == other.name
 }
-"""By objects that have no value at times, the one that is 0 then."""
+"""By object that may have no value: the object that is 0 when it has none."""
 _CHUNK_ROWS: Final = 8192
 _NOT_OF_A_RECORDING: Final = (KeyError, TypeError, ValueError, AttributeError, OverflowError)
-"""What a head of another form raises."""
+"""Errors raised by a head that is not that of a recording."""
 _EVERY_CYCLE, _ON_CHANGE = "every cycle", "on change, held"
 _MOST_COMPRESSED: Final = 1100
-"""What deflate makes of a byte, at most."""
+"""Most bytes that deflate restores from one byte."""
 _NS: Final = 1_000_000_000
 _PLACE_UNITS: Final = {Axis.POSITION: ("mm", 1e-6), Axis.TIME: ("s", 1e-6)}
 
 
 class Summary(NamedTuple):
-    """What a recording holds."""
+    """Contents of a recording."""
 
     rows: int
     lost: int
-    """Ticks that are named in the gaps."""
+    """Number of ticks missing in all gaps."""
     gaps: int
     runs: int
-    """How often ticks began anew, and once."""
+    """Number of runs: 1, plus 1 for each time that the ticks restarted."""
     markers: int
     set_points: int
     textures: int
-    """How many were written, or emptied."""
+    """Number of textures written to a slot, empty ones included."""
     emergencies: int
     damaged: int
-    """Records of the log that were cut or damaged."""
+    """Number of cut or damaged records of the log."""
 
 
 def require_h5py() -> None:
-    """Raise BenchError, before a recording begins, if its file could not be made."""
+    """Raise BenchError if h5py is missing; called before a recording begins."""
     if find_spec("h5py") is None:
         raise BenchError("recordings need h5py: pip install 'smarttac-can[record]'")
 
 
 def require_new(path: Path) -> None:
-    """Refuse, before a recording begins, a file that could not be made.
+    """Refuse a file that could not be made; called before a recording begins.
 
     Raises
     ------
     BenchError
-        If h5py is missing, the suffix is not that of HDF5, or there is such a file.
+        If h5py is missing, the suffix is not one of HDF5, or the file exists.
     """
     require_h5py()
     if path.suffix.lower() not in SUFFIXES:
@@ -113,22 +113,22 @@ def require_new(path: Path) -> None:
 
 @in_words()
 def make_recording(log: Path | str, path: Path | str) -> Summary:
-    """Make the HDF5 file of a recording of its log, also of one that was killed.
+    """Make the HDF5 file of a recording from its log, even if the recording was killed.
 
     Parameters
     ----------
     log
-        Log of the recording; it stays as it is.
+        Log of the recording; it is not changed.
     path
-        A file that does not exist yet; it is there when all of it is.
+        File to create; it must not exist. It appears only when it is complete.
 
     Raises
     ------
     BenchError
-        If there is such a file, its suffix is not ``.h5`` or ``.hdf5``, h5py is missing, or the
-        log is none of a recording.
+        If the file exists, its suffix is not ``.h5`` or ``.hdf5``, h5py is missing, or the log is
+        not that of a recording.
     OSError
-        If a file cannot be read or written, as on a full disk.
+        If a file cannot be read or written, for example on a full disk.
     """
     log, path = Path(log), Path(path)
     require_new(path)
@@ -146,7 +146,7 @@ def make_recording(log: Path | str, path: Path | str) -> Summary:
                 with h5py.File(disk, "w") as file:
                     summary = _write(file, reader, frames, disk.check)
             finally:
-                # What HDF5 makes of what it reads back is not the reason.
+                # The error of the disk is the cause, not what HDF5 raises after reading back.
                 disk.check()
             os.fsync(disk.fileno())
         part.rename(path)
@@ -158,7 +158,7 @@ def make_recording(log: Path | str, path: Path | str) -> Summary:
 
 
 def _open_part(part: Path, path: Path, log: Path) -> _Disk:
-    """Open the file that is to become another; an error names the other."""
+    """Open the temporary file `part`; an error names the final `path`."""
     try:
         return _Disk(part, path, log)
     except OSError as error:
@@ -167,16 +167,16 @@ def _open_part(part: Path, path: Path, log: Path) -> _Disk:
 
 
 class _Disk(FileIO):
-    """A file for h5py that never fails, and keeps why it has; HDF5 crashes on a full disk.
+    """A file for h5py whose writes never fail, as HDF5 crashes on a full disk.
 
     Parameters
     ----------
     part
-        The file.
+        Temporary file to write.
     path
-        What it is to become, for the error.
+        Final name of the file, for the error message.
     log
-        Of what it is made, for the error.
+        Log from which the file is made, for the error message.
     """
 
     def __init__(self, part: Path, path: Path, log: Path) -> None:
@@ -185,10 +185,10 @@ class _Disk(FileIO):
         self._log = log
         self._error: OSError | None = None
         self._kept: list[tuple[int, bytes]] = []
-        """Where in the file, and what: no more than is written between two looks at the error."""
+        """Offset and data of each refused write; only those between two calls of `check`."""
 
     def write(self, data: Any) -> int:
-        """Write all of it, or keep it in memory once a write has failed."""
+        """Write all data, or keep it in memory once a write has failed."""
         at, left = self.tell(), memoryview(data).cast("B")
         try:
             while len(left) and self._error is None:
@@ -203,7 +203,7 @@ class _Disk(FileIO):
         return super().write(data)
 
     def readinto(self, buffer: Any) -> int:
-        """Read what was written, taken by the disk or not; HDF5 crashes on anything else."""
+        """Read what was written, on disk or kept in memory; HDF5 crashes on a short read."""
         begin, view = self.tell(), memoryview(buffer).cast("B")
         found = super().readinto(view) or 0
         view[found:] = bytes(len(view) - found)
@@ -223,7 +223,7 @@ class _Disk(FileIO):
         return size or 0
 
     def check(self) -> None:
-        """Raise the error of the first write that has failed."""
+        """Raise the error of the first failed write."""
         if self._error is not None:
             cure = f"make room, or name a file on another disk; {self._log} stays as it is"
             raise OSError(self._error.errno, f"{self._error.strerror}: {cure}", str(self._path))
@@ -232,7 +232,7 @@ class _Disk(FileIO):
 def _write(
     file: h5py.File, reader: FrameLogReader, frames: RecordedFrames, check: Callable[[], None]
 ) -> Summary:
-    """Write all of it; `check` raises what the disk has refused."""
+    """Write all contents; `check` raises the error of a failed write."""
     own = frames.ods[int(reader.head["node_id"])]
     columns = _Columns(file, own, frames.channels)
     for records in reader.chunks():
@@ -260,8 +260,6 @@ def _write(
 
 
 class _Columns:
-    """Datasets with an element a row, which grow."""
-
     def __init__(self, file: h5py.File, od: ObjectDictionary, channels: Mapping[str, bool]) -> None:
         self.rows, self.runs = 0, 0
         self._od, self._channels, self._file = od, channels, file
@@ -272,7 +270,7 @@ class _Columns:
         }
 
     def append(self, rows: Rows) -> None:
-        """Append rows."""
+        """Append rows to all datasets."""
         times = {"tick": rows.tick, "run": rows.run, "host_time_ns": rows.time_ns}
         for name, values in times.items():
             _append(self._times[name], values)
@@ -283,7 +281,7 @@ class _Columns:
             self.runs = int(rows.run[-1]) + 1
 
     def describe(self) -> None:
-        """Describe the datasets."""
+        """Write the attributes of the datasets."""
         self._times["tick"].attrs["units"] = "ms"
         self._times["tick"].attrs["description"] = "control cycle of the run, by the node"
         self._times["run"].attrs["units"] = "1"
@@ -322,7 +320,7 @@ def _write_events(
 
 
 def _write_textures(file: h5py.File, head: Mapping[str, Any], written: list[Dated]) -> None:
-    """Write a dataset for each table that was in a slot at the beginning, or came into one."""
+    """Write a dataset for each texture that was in a slot at first, or was written to one."""
     group = file.create_group("textures", track_order=True)
     group.attrs["description"] = "COF of tables of textures; before is 1 of those there before"
     began = int(datetime.fromisoformat(head["created"]).timestamp()) * _NS
@@ -335,7 +333,7 @@ def _write_textures(file: h5py.File, head: Mapping[str, Any], written: list[Date
         try:
             table = TextureTable.unpack(dated.event.table) if dated.event.table else None
         except ValueError:
-            # Frames of it were not heard.
+            # Some of its frames were not received.
             table = None
         values = np.array(() if table is None else table.values) * COF_COUNT
         dataset = group.create_dataset(str(number), data=values)
@@ -357,7 +355,6 @@ def _when(dated: Dated) -> tuple[int, int, int]:
 def _describe(
     file: h5py.File, head: Mapping[str, Any], ods: Mapping[int, ObjectDictionary]
 ) -> None:
-    """Write what holds for the whole recording."""
     own = ods[int(head["node_id"])]
     file.attrs["format"] = FORMAT
     for name in ("version", "created", "where", "node_id", "clocked"):
@@ -384,11 +381,11 @@ def _dtype(entry: Entry) -> str:
 
 
 def _in_unit(entry: Entry, raw: Mapping[str, Integers]) -> Any:
-    """Return the values of an object in the unit of the file, NaN where there is none."""
+    """Return the values of an object in the unit of the file, NaN where there is no value."""
     if entry.name in _MEANINGS:
         return raw[entry.name]
     values = shown(entry, raw[entry.name])
-    # Another mapping may lack the one that it needs.
+    # A different PDO mapping may lack the object on which the value depends.
     needed = raw.get(_NEEDS.get(entry.name, ""))
     return values if needed is None else np.where(needed == 0, np.nan, values)
 
@@ -417,7 +414,7 @@ def _table(file: h5py.File, name: str, columns: str, rows: Iterable[tuple[Any, .
 
 
 def _storable(value: Any) -> Any:
-    """Return a text as HDF5 takes it, in UTF-8 without NUL; and anything else as it is."""
+    """Return a text as HDF5 accepts it, in UTF-8 without NUL; other values unchanged."""
     if not isinstance(value, str):
         return value
     return value.encode(errors="replace").decode().replace("\0", "\N{REPLACEMENT CHARACTER}")
@@ -430,7 +427,7 @@ _MEANINGS: Final = {
     + ", ".join(f"{s.value} {s.name}" for s in State),
     _MODE: ", ".join(f"{m.value} {m.name}" for m in Mode),
 }
-"""Channels that are words, not quantities."""
+"""Channels with codes instead of quantities, and what the codes mean."""
 
 
 class Marker(NamedTuple):
@@ -440,19 +437,19 @@ class Marker(NamedTuple):
     """Time in ns since 1970."""
     run: int
     tick: int
-    """Of the last row before it; -1 before the first."""
+    """Tick of the last row before the marker; -1 before the first row."""
     text: str
 
 
 class SetPoint(NamedTuple):
-    """A value that a node has taken, whoever wrote it."""
+    """A value that a node has accepted from any writer."""
 
     host_time_ns: int
     run: int
     tick: int
     node_id: int
     name: str
-    """Of the object."""
+    """Name of the object."""
     value: float
     units: str
 
@@ -476,7 +473,7 @@ class Missing(NamedTuple):
     last_tick: int
     ticks: int
     host_time_ns: int
-    """When the row after them came."""
+    """Time when the row after them was received."""
 
 
 class RecordedTexture(NamedTuple):
@@ -486,44 +483,43 @@ class RecordedTexture(NamedTuple):
     run: int
     tick: int
     slot: int
-    """1 to 4."""
+    """Slot, 1 to 4."""
     before: bool
-    """Whether it was there as the recording began."""
+    """Whether it was in the slot when the recording began."""
     complete: bool
-    """Whether all of it was heard; the texture is None if not."""
+    """Whether all of it was received; `texture` is None if not."""
     texture: Texture | None
-    """None where the slot was emptied."""
+    """None if the slot was emptied."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RecordedData:
-    """What the file of a recording holds; `read_recording` makes one. All arrays are read-only."""
+    """Contents of the file of a recording, from `read_recording`. All arrays are read-only."""
 
     path: Path
-    """The file."""
+    """Path of the file."""
     channels: Mapping[str, npt.NDArray[Any]]
-    """An array a channel, an element a row, with the names of the arrays of a `Trace`:
-    ``cof``, ``amplitude_um`` and so on; beside these ``mode`` and ``temperature_degc``, and
-    others by their objects."""
+    """An array per channel with an element per row. Names are those of the arrays of a `Trace`,
+    such as ``cof`` and ``amplitude_um``, then ``mode``, ``temperature_degc``, names of objects."""
     units: Mapping[str, str]
     """Unit of each channel; 1 for pure numbers."""
     tick: Integers
-    """Control cycle of each row in ms; within a run it rises."""
+    """Control cycle of each row in ms; increases within a run."""
     run: Integers
-    """How often ticks began anew before each row."""
+    """Number of restarts of the ticks before each row."""
     host_time_ns: Integers
-    """When the recording computer took each row, in ns since 1970."""
+    """Time when the recording computer received each row, in ns since 1970."""
     markers: list[Marker]
     set_points: list[SetPoint]
     emergencies: list[Emergency]
     gaps: list[Missing]
     textures: list[RecordedTexture]
     settings: Mapping[str, tuple[float, str]]
-    """Value and unit by object of all that can be set, as the recording began."""
+    """Value and unit by object of all settings at the beginning of the recording."""
     metadata: Mapping[str, str]
-    """Of `METADATA`; empty texts for what nobody noted."""
+    """Texts by the names in `METADATA`; empty if not given."""
     attributes: Mapping[str, Any]
-    """Of the file: format, version, identity of the node, and so on."""
+    """Attributes of the file: format, version, identity of the node, and so on."""
 
     def __len__(self) -> int:
         return len(self.tick)
@@ -547,7 +543,7 @@ class RecordedData:
         return values
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Return a row a tick: time, run, tick, host time, channels; BenchError without pandas."""
+        """Return a row per tick: time, run, tick, host time, channels; needs pandas."""
         when = {"time_s": self.time_s, "run": self.run, "tick": self.tick}
         arrays = when | {"host_time_ns": self.host_time_ns} | dict(self.channels)
         units = {"time_s": "s", "run": "1", "tick": "ms", "host_time_ns": "ns"} | dict(self.units)
@@ -556,14 +552,14 @@ class RecordedData:
 
 @in_words()
 def read_recording(path: Path | str) -> RecordedData:
-    """Read the HDF5 file of a recording, also of an older format.
+    """Read the HDF5 file of a recording, of this or an older format.
 
     Raises
     ------
     BenchError
-        If h5py is missing, or the file is none of a recording.
+        If h5py is missing, or the file is not that of a recording.
     OSError
-        If it is no regular file, or cannot be read.
+        If the file is not a regular file, or cannot be read.
     """
     require_h5py()
     import h5py  # noqa: PLC0415 - an extra, and slow
@@ -617,7 +613,7 @@ def _read(path: Path, file: h5py.File) -> RecordedData:
 
 
 def _all_of(data: h5py.Dataset) -> npt.NDArray[Any]:
-    """Return all elements of a dataset; ValueError if its bytes cannot be those of so many."""
+    """Return all elements of a dataset; ValueError if it has too few bytes for them."""
     if data.nbytes > _MOST_COMPRESSED * data.id.get_storage_size():
         raise ValueError(f"{data.name} is too short for {data.size} elements")
     values: npt.NDArray[Any] = data[:]
@@ -634,13 +630,13 @@ _Row = TypeVar("_Row", bound=NamedTuple)
 
 
 def _rows_of(table: h5py.Dataset, kind: type[_Row]) -> list[_Row]:
-    """Return the rows of a table; its columns have the names of their parts."""
+    """Return the rows of a table as named tuples; its columns are named like their fields."""
     names = kind._fields
     return [kind(*(_plain(row[name]) for name in names)) for row in _all_of(table)]
 
 
 def _plain(value: Any) -> Any:
-    """Return a value as Python has it: h5py gives texts of tables as bytes, numbers as numpy's."""
+    """Return a value as a Python type: h5py gives texts of tables as bytes, numbers as numpy's."""
     if isinstance(value, bytes):
         return value.decode(errors="replace")
     return value.item() if isinstance(value, np.generic) else value
@@ -664,7 +660,7 @@ def _as_it_is(units: str) -> tuple[float, str]:
 
 
 def _current_1(units: str) -> tuple[float, str]:
-    """Return by what a value of format 1 is to be multiplied, and the unit that it has then."""
+    """Return the factor that converts a value of format 1, and its unit after that."""
     if units not in SHOWN_UNITS:
         return 1.0, units
     return Quantity(Decimal(1), units).in_unit(SHOWN_UNITS[units]), SHOWN_UNITS[units]

@@ -1,4 +1,4 @@
-"""A CANopen device as a client sees it: SDO, its heartbeat, and the one of the bench it watches."""
+"""A CANopen device from the view of a client: SDO, its heartbeat, and the bench's heartbeat."""
 
 from __future__ import annotations
 
@@ -51,20 +51,20 @@ _PRODUCT_CODE: Final = 2
 _IDS: Final = 16
 _PERIOD_S: Final = 0.1
 _LISTEN_MS: Final = 250
-"""Two heartbeats of another bench, and some delay."""
+"""Two heartbeats of another bench, and some delay, in ms."""
 _LOST_MS: Final = 1000
 _OPERATIONAL: Final = bytes((NMTState.OPERATIONAL,))
 
 
 class RemoteDevice:
-    """A CANopen device on the bus with the EDS it should have.
+    """A CANopen device on the bus, checked against its EDS.
 
     Parameters
     ----------
     network
         Connected network of python-canopen.
     od
-        The EDS, loaded for the device's node-ID.
+        Object dictionary from the EDS, loaded for the device's node-ID.
     where
         Name of the bus for error messages.
     timeout
@@ -73,18 +73,18 @@ class RemoteDevice:
     Attributes
     ----------
     heartbeat_at
-        When its heartbeat came last, of `time.monotonic`; None before.
+        Time of its last heartbeat, by `time.monotonic`; None before the first.
     heartbeat_s
-        Time in s between two of them; 0 for none.
+        Period of its heartbeat in s; 0 if it sends none.
     state
-        NMT state that it showed last.
+        Last known NMT state.
 
     Raises
     ------
     NodeNotFoundError
-        If nothing answers.
+        If no node answers.
     WrongDeviceError
-        If the product code is not that of the EDS.
+        If the product code differs from the EDS.
     """
 
     def __init__(
@@ -123,7 +123,7 @@ class RemoteDevice:
         try:
             data = pack(entry.data_type, raw)
         except OverflowError as error:
-            # What the type cannot carry is refused here, in the words of the device.
+            # A value that does not fit the type is refused here, with the words of the device.
             code = AbortCode.TOO_LOW if raw < 0 else AbortCode.TOO_HIGH
             raise refused_write(entry, raw, Abort(code)) from error
         with self._explained(write_action(entry, raw)):
@@ -133,13 +133,13 @@ class RemoteDevice:
                 raise refused_write(entry, raw, Abort(error.code)) from error
 
     def write_block(self, entry: Entry, data: bytes) -> None:
-        """Write the bytes of a DOMAIN by SDO block transfer; of none, by a segmented one."""
+        """Write a DOMAIN by SDO block transfer; empty data by a segmented transfer."""
         client = canopen.sdo.SdoClient(
             self._sdo.rx_cobid, self._sdo.tx_cobid, canopen.ObjectDictionary()
         )
         client.network = self._network
         client.RESPONSE_TIMEOUT = self._sdo.RESPONSE_TIMEOUT
-        # The client of `read` knows no answers to blocks; this one listens beside it.
+        # The client of `read` does not handle block answers, so this one listens, too.
         self._network.subscribe(client.tx_cobid, client.on_response)
         try:
             with (
@@ -159,11 +159,11 @@ class RemoteDevice:
 
     @property
     def operational(self) -> bool:
-        """Whether its last heartbeat, or a PDO since then, shows it OPERATIONAL."""
+        """Whether its last heartbeat or PDO shows it OPERATIONAL."""
         return self.state == NMTState.OPERATIONAL
 
     def check_operational(self) -> None:
-        """Raise NotRunningError if its last heartbeat shows another NMT state."""
+        """Raise NotRunningError if its last known NMT state is not OPERATIONAL."""
         if not self.operational:
             raise NotRunningError(
                 f"node {self.od.node_id} is {STATES.get(self.state, UNKNOWN)}: a master, or the "
@@ -172,14 +172,14 @@ class RemoteDevice:
 
     @property
     def silence(self) -> float:
-        """Time in s since the last heartbeat if they came and have stopped; else 0."""
+        """Time in s since the last heartbeat, if heartbeats were received and then lost; else 0."""
         if self.heartbeat_at is None or not self.heartbeat_s:
             return 0.0
         silence = monotonic() - self.heartbeat_at
         return silence if silence > _HEARTBEATS_MISSED * self.heartbeat_s else 0.0
 
     def check_heartbeat(self) -> None:
-        """Raise HeartbeatLostError if heartbeats came and have stopped."""
+        """Raise HeartbeatLostError if heartbeats were received and then lost."""
         if silence := self.silence:
             raise HeartbeatLostError(
                 f"node {self.od.node_id} has sent no heartbeat for {silence:.1f} s: "
@@ -187,24 +187,24 @@ class RemoteDevice:
             )
 
     def await_answer(self, patience: float, interrupted: Callable[[], bool]) -> None:
-        """Wait until it answers a request: by then it has heard, and done, all that came before.
+        """Wait until the device answers a request: it has then handled all earlier frames.
 
         Parameters
         ----------
         patience
-            How long it may be silent, in s.
+            Longest silence of the device in s.
         interrupted
-            Ends the wait when it returns True.
+            Function that ends the wait by returning True.
 
         Raises
         ------
         HeartbeatLostError
-            If it is silent for longer.
+            If the device is silent for longer.
         BusLostError
             If the bus has failed.
         """
         node_id = self.od.node_id
-        # Each time another object: a late answer to the request before answers nothing.
+        # Each request reads another object, so that a late answer to the one before is not taken.
         request = upload(node_id, next(self._asked))
         answered = Event()
 
@@ -252,33 +252,33 @@ class RemoteDevice:
 
 
 def bench_id(stimulator_id: int) -> int:
-    """Return the node-ID, 112..127, of the heartbeat of the bench that drives a stimulator.
+    """Return the node-ID, 112..127, that a bench uses for its heartbeat to a stimulator.
 
-    Stimulators on one bus have benches of their own, so each watches another node-ID.
+    Stimulators on one bus may have different benches, so each watches a different node-ID.
     """
     return LAST_NODE_ID - stimulator_id % _IDS
 
 
 def drives(name: str, raw: int) -> bool:
-    """Return whether a write leads to a voltage; a quick stop, from any bench, does not."""
+    """Return whether a write may lead to a voltage; a quick stop, from any bench, does not."""
     if name == "Controlword":
         return bool(raw & (Control.ARM | Control.FAULT_RESET))
     return name == "Mode" and raw != Mode.OFF
 
 
 class BenchHeartbeat:
-    """Heartbeat of a bench that drives in real time, from `begin` until `end`.
+    """Heartbeat of a commanding bench in real time, from `begin` to `end`.
 
-    A bench that only reads has none: nobody has to miss it, and its heartbeat would stand for that
-    of a driver that was killed.
+    A bench that only reads sends none. It need not be supervised, and its heartbeat would hide that
+    the one of a killed commander is missing.
 
     Parameters
     ----------
     network
         Connected network of python-canopen.
     stimulator
-        It watches the heartbeat by the first free entry of 1016h; by none if they are all taken,
-        as a bus has a master of its own then.
+        Stimulator that consumes the heartbeat, in the first free entry of 1016h. If all entries are
+        in use, the bus has a master of its own, and the heartbeat is not consumed.
     """
 
     def __init__(self, network: canopen.Network, stimulator: RemoteDevice) -> None:
@@ -287,21 +287,21 @@ class BenchHeartbeat:
         self._id = bench_id(stimulator.od.node_id)
         self._watch = self._id << 16 | _LOST_MS
         self._over = threading.Event()
-        # A task of python-can would do, but it cannot be waited for when it ends.
+        # A periodic task of python-can cannot be joined when it ends.
         self._thread = threading.Thread(target=self._beat, name="bench heartbeat", daemon=True)
 
     @property
     def begun(self) -> bool:
-        """Whether this bench drives."""
+        """Whether this bench has begun to command."""
         return self._thread.ident is not None
 
     def begin(self) -> None:
-        """Start the heartbeat, and have the stimulator consume it, again if a reset has ended that.
+        """Start the heartbeat, and let the stimulator consume it, also again after a reset.
 
         Raises
         ------
         BenchError
-            If another bench drives this stimulator, or the bus has failed.
+            If another bench commands this stimulator, or the bus has failed.
         """
         watches = self._watches()
         own = [entry for entry, value in watches.items() if value >> 16 & 0x7F == self._id]
@@ -317,8 +317,8 @@ class BenchHeartbeat:
                 self._stimulator.write(entry, self._watch)
                 anew = True
         if anew:
-            # The first one is on the bus before the bench goes on: it is watched from there, and a
-            # fault that a killed bench has left behind is over.
+            # Send the first heartbeat before the bench goes on: it starts the supervision, and
+            # clears the fault that a killed bench has left.
             try:
                 self._send()
             except can.CanError as error:
@@ -327,9 +327,9 @@ class BenchHeartbeat:
             self._thread.start()
 
     def end(self, at_rest: bool) -> None:
-        """End the consumer of the stimulator if it is at rest, then the heartbeat.
+        """Remove the consumer entry if the stimulator is at rest, then end the heartbeat.
 
-        One that still drives, or does not say, stops by the heartbeat that it misses.
+        Otherwise the entry remains, and the stimulator stops when it misses the heartbeat.
         """
         try:
             if at_rest:
@@ -345,7 +345,7 @@ class BenchHeartbeat:
             while not self._over.wait(_PERIOD_S):
                 self._send()
         except can.CanError:
-            # A bus that has failed stops the plate, and the bench finds out by its next transfer.
+            # A failed bus stops the plate, and the next transfer of the bench reports it.
             return
 
     def _send(self) -> None:
@@ -359,7 +359,7 @@ class BenchHeartbeat:
         }
 
     def _another_beats(self, watched_ms: list[int]) -> bool:
-        """Listen for as long as the stimulator would wait for the next heartbeat."""
+        """Return whether another heartbeat comes while the stimulator would wait for one."""
         heard = threading.Event()
 
         def hear(_can_id: int, _data: bytearray, _timestamp: float) -> None:

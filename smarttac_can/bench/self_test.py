@@ -1,4 +1,4 @@
-"""The self-test of a stimulator with nothing on its plate: what it measures, limits, verdicts."""
+"""Self-test of a stimulator with an empty plate: measurements, limits and verdicts."""
 
 from __future__ import annotations
 
@@ -24,46 +24,46 @@ _SWEEP_HZ: Final = 250.0
 _SWEEP_POINTS: Final = 13
 _MOST_V: Final = 40.0
 _HZ_PER_K: Final = -14.0
-"""Change of the resonance with temperature, by the paper."""
+"""Change of the resonance with temperature in Hz/K, from the paper."""
 _COUNTS: Final = ("Foreign ticks", "Corrupt measurements", "Surplus measurements")
 
 LOST_PERCENT: Final = 5.0
 DRIFT_MN: Final = 41.0
-"""Of a gauge's null over 15 K, by its data sheet (FSS1500)."""
+"""Drift of a gauge's null over 15 K in mN, from its data sheet (FSS1500)."""
 NOISE_MN: Final = (0.1, 13.0)
-"""Up to three times the standard deviation with which the uncertainty of the COF is worked out."""
+"""Standard deviation in mN; at most 3 times the value used for the uncertainty of the COF."""
 PICKUP_NOISE_NM: Final = (0.05, 5.0)
 PICKUP_REST_NM: Final = 5.0
 END_NM: Final = 10.0
 RESIDUAL_PERCENT: Final = 3.0
 RESONANCE_HZ: Final = 60.0
 SHARE: Final = 0.2
-"""How far gain and quality may be from those of the model in force."""
+"""Largest relative deviation of gain and quality from the model in force."""
 
 _Part = Callable[[Stimulator], Iterator["Check"]]
 _LEAST_POINTS = 3
 
 
 class Check(NamedTuple):
-    """One verdict."""
+    """Result of one check."""
 
     name: str
     value: float | None
-    """None if it could not be measured."""
+    """Measured value; None if it could not be measured."""
     unit: str
     low: float
     high: float
-    """What passes is within low..high; infinite for no bound."""
+    """Limits: low..high passes; infinite if there is no limit."""
     text: str = ""
-    """Why it could not be measured."""
+    """Reason why it could not be measured."""
 
     @property
     def passed(self) -> bool:
-        """Whether it was measured, and is within its limits."""
+        """Whether the value was measured and is within its limits."""
         return self.value is not None and self.low <= self.value <= self.high
 
     def as_json(self) -> dict[str, Any]:
-        """Return what a JSON file holds of it; a bound that there is not is null."""
+        """Return the check for a JSON file; an infinite limit is null."""
         return {
             "name": self.name,
             "passed": self.passed,
@@ -76,27 +76,27 @@ class Check(NamedTuple):
 
 
 def selftest(stimulator: Stimulator, tell: Callable[[Check], None] = lambda _: None) -> list[Check]:
-    """Judge timing, gauges, pick-up and resonance; nothing may rest on the plate.
+    """Check timing, gauges, pick-up and resonance of a stimulator with an empty plate.
 
-    It drives up to 0.5 um, in open loop. On every way out the stimulator is disarmed, at 0 V, and
-    its set-points are what they were. A part that the stimulator refuses, or that ends in a fault,
-    is a failed check with the reason; the next part goes on.
+    It drives up to 0.5 um in open loop. In any case the stimulator is disarmed at the end, at 0 V,
+    and its set-points are restored. If the stimulator refuses a part, or a fault ends it, that part
+    is a failed check with the reason, and the next part follows.
 
     Parameters
     ----------
     stimulator
-        Connected; not armed, by nobody.
+        Connected stimulator that is not armed.
     tell
-        Called with each check as soon as it is made.
+        Function called with each check as soon as it is done.
 
     Raises
     ------
     BenchError
-        If somebody drives the stimulator; nothing was changed then.
+        If the stimulator has another commander; nothing was changed then.
     BusLostError, HeartbeatLostError
-        If the stimulator is no longer there.
+        If the stimulator has left the bus.
     RunInterruptedError
-        At Ctrl-C in one of its runs; it has been disarmed.
+        On Ctrl-C in one of its runs; the stimulator has been disarmed.
     """
     checks: list[Check] = []
 
@@ -117,7 +117,6 @@ def selftest(stimulator: Stimulator, tell: Callable[[Check], None] = lambda _: N
 
 
 def _leave(stimulator: Stimulator, before: tuple[float, float]) -> None:
-    """Go to 0 V, whatever else fails; then put the set-points back."""
     stimulator.disarm()
     with suppress(BenchError):
         stimulator.voltage, stimulator.frequency = before
@@ -189,7 +188,7 @@ def _sweep(stimulator: Stimulator) -> Iterator[Check]:
 
 
 def _answer(stimulator: Stimulator, frequency: float) -> complex:
-    """Return W in m at a frequency in Hz, the mean of some samples after it has settled."""
+    """Return the settled W in m at a frequency in Hz, the mean of some samples."""
     stimulator.frequency = frequency
     samples = stimulator.sample(("Vibration.W_d", "Vibration.W_q"), _SETTLE_CYCLES + _MEAN_OF)
     d, q = samples[_SETTLE_CYCLES:].mean(axis=0)
@@ -207,10 +206,10 @@ def _end(stimulator: Stimulator) -> Iterator[Check]:
 
 
 class ResonanceFit(NamedTuple):
-    """What ``V/W = (1 + j tau (w - w0)) / gain`` says of a plate, by least squares.
+    """Least-squares fit of ``V/W = (1 + j tau (w - w0)) / gain`` to a sweep of a plate.
 
-    With gain and tau of the signs that the fit finds: a plate whose pick-up or drive has the wrong
-    polarity shows a gain below 0, one whose phase runs backwards a tau below 0.
+    The signs of gain and tau are part of the fit. Wrong polarity of pick-up or drive gives a gain
+    below 0; a phase that runs backwards gives a tau below 0.
     """
 
     gain: float
@@ -220,7 +219,7 @@ class ResonanceFit(NamedTuple):
     f0: float
     """Resonance in Hz."""
     residual: float
-    """Root mean square of what the fit leaves of V/W, as a fraction of 1/gain."""
+    """Root mean square of the residual of V/W, as a fraction of 1/gain."""
 
     @property
     def quality(self) -> float:
@@ -239,16 +238,16 @@ class ResonanceFit(NamedTuple):
         Parameters
         ----------
         frequency
-            Shape (n,), in Hz, three or more that differ.
+            Frequencies in Hz, shape (n,), three or more different ones.
         W
-            Shape (n,), complex vibration in m peak-to-peak at each, in the frame of the drive.
+            Complex vibration in m peak-to-peak at each, shape (n,), in the frame of the drive.
         voltage
-            Of the drive in V, above 0.
+            Voltage of the drive in V, above 0.
 
         Raises
         ------
         ValueError
-            If there are too few points, or the plate does not answer: W is 0 or all the same.
+            If there are too few points, or the plate does not respond: W is 0 or constant.
         """
         f = np.asarray(frequency, dtype=np.float64)
         answers = np.asarray(W, dtype=np.complex128)

@@ -1,7 +1,7 @@
-"""The instrument simulated: the one place where a client makes nodes, plate and controllers.
+"""The simulated instrument: the only module in which a client makes nodes, plate and controllers.
 
-python-canopen is imported where a link over CAN is opened: it takes about as long as the rest of
-the bench, and a simulation on the local link has no use for it.
+python-canopen is imported only when a link over CAN is opened. Its import takes about as long as
+that of the rest of the bench, and a simulation on the local link does not need it.
 """
 
 from __future__ import annotations
@@ -48,13 +48,13 @@ from smarttac_can.vocabulary.signals import KNOWN_WINDOW_MN, SHORT_DEADLINE_MS
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, watchdogs_in
 
 STIMULATOR_ID: Final = 32
-"""Node-ID of the stimulator unless another is given."""
+"""Default node-ID of the stimulator."""
 PLATE_ID: Final = 33
-"""Node-ID of the plate node unless another is given."""
+"""Default node-ID of the plate node."""
 LinkName = Literal["local", "bus"]
 _STATUS_TPDO: Final = 1
 _EMCY: Final = struct.Struct("<HBB4x")
-"""Code, error register and watchdog."""
+"""Emergency error code, error register and number of the watchdog."""
 
 
 def stimulator_od(node_id: int = STIMULATOR_ID) -> ObjectDictionary:
@@ -68,9 +68,9 @@ def plate_od(node_id: int = PLATE_ID) -> ObjectDictionary:
 
 
 def know_nulls(od: ObjectDictionary, nulls: Iterable[float]) -> None:
-    """Have a plate's nulls, S1..S6 in N, be the defaults; what is stored or preset replaces them.
+    """Set the nulls of a plate, S1..S6 in N, as defaults; stored values and presets replace them.
 
-    The window is then as narrow as after a calibration, and a tare under a finger is refused.
+    The window becomes as narrow as after a calibration, so that a tare under a finger is refused.
     """
     values = {f"{NULL}.Null of S{n}": f"{null} N" for n, null in enumerate(nulls, 1)}
     for name, text in (values | {f"{NULL}.Window": f"{KNOWN_WINDOW_MN} mN"}).items():
@@ -79,14 +79,14 @@ def know_nulls(od: ObjectDictionary, nulls: Iterable[float]) -> None:
 
 
 def od_and_plate(recording: Finger | None = None) -> tuple[ObjectDictionary, PlateBlock]:
-    """Return the object dictionary of a stimulator that knows the nulls of a plate, and the plate.
+    """Return the object dictionary of a stimulator and a plate whose nulls are its defaults.
 
-    A tare under a finger is refused then, as after a calibration.
+    A tare under a finger is then refused, as after a calibration.
 
     Parameters
     ----------
     recording
-        The finger of motion 2, if there is one.
+        Finger that motion 2 plays, or None.
     """
     od, plate = stimulator_od(), PlateBlock(plate_od(), recording)
     know_nulls(od, plate.plate.nulls)
@@ -101,7 +101,7 @@ def simulated_block(presets: Mapping[str, int], recording: Finger | None = None)
     presets
         Raw values by name that replace defaults of the EDS.
     recording
-        The finger of motion 2, if there is one.
+        Finger that motion 2 plays, or None.
     """
     block = StimulatorBlock(*od_and_plate(recording))
     for name, raw in presets.items():
@@ -120,9 +120,9 @@ def stimulator_with_plate(
 def lockstep_nodes(
     *, plate_inside: bool, presets: Mapping[str, int], recording: Finger | None = None
 ) -> list[PlateNode | StimulatorNode]:
-    """Return a stimulator for lockstep, and before it a plate node if the plate is not inside.
+    """Return a stimulator for lockstep, preceded by a plate node unless the plate is inside.
 
-    What is simulated is simulated by the plate: a plate node has the presets of that.
+    A plate node receives the presets of the simulation, because it simulates the plate.
     """
     if plate_inside:
         return [stimulator_with_plate(presets, recording)]
@@ -147,7 +147,7 @@ def attach_nodes(
     presets: Mapping[str, int],
     recording: Finger | None = None,
 ) -> None:
-    """Attach what `lockstep_nodes` returns."""
+    """Attach the nodes of `lockstep_nodes` to a bus."""
     for node in lockstep_nodes(plate_inside=plate_inside, presets=presets, recording=recording):
         bus.attach(node)
 
@@ -168,10 +168,10 @@ def open_simulated_link(
     ------
     ValueError
         If there is no such link, `plate_inside` is neither True nor False, a preset is not a
-        value of its object, or not at power-on, `finger` has no samples or some out of range, or
-        `log` cannot be called or has no bus.
+        value of its object or is refused at power-on, `finger` has no samples or some out of
+        range, or `log` is not callable or the link has no bus.
     BenchError
-        If there is no such object.
+        If a preset names an object that does not exist.
     """
     truth("plate_inside", plate_inside)
     raw = raw_presets(presets, seed=seed, subject=subject)
@@ -207,7 +207,7 @@ def open_simulated_link(
 
 
 def open_guided_link() -> tuple[LocalLink, ObjectDictionary, GuidedFinger]:
-    """Open a simulation without a bus whose finger is guided, and return that finger as well."""
+    """Open a simulation without a bus; return the link, its dictionary and its guided finger."""
     finger = GuidedFinger()
     block = simulated_block({"Finger.Motion": RECORDED_FINGER}, finger)
     return LocalLink(block), block.od, finger
@@ -221,21 +221,21 @@ def _recorded(finger: Iterable[tuple[float, float, float]]) -> Trajectory:
 
 
 def raw_presets(presets: Mapping[str, int | str], *, seed: int, subject: int) -> dict[str, int]:
-    """Return the raw values of presets of a stimulator, of which some may be texts with units.
+    """Return the raw values of presets of a stimulator, which may be given as texts with units.
 
     Parameters
     ----------
     presets
         Values by name.
     seed, subject
-        Those of the simulated plate, unless they are among the presets.
+        Seed and subject of the simulated plate, unless they are among the presets.
 
     Raises
     ------
     ValueError
-        If they are no mapping, or one is no value of its object or outside its limits.
+        If `presets` is not a mapping, or a value does not suit its object or is outside its limits.
     BenchError
-        If there is no such object, or it is no number.
+        If an object does not exist, or is not a number.
     """
     if not isinstance(presets, Mapping):
         raise ValueError(f"presets {presets!r} are no mapping of names to values")
@@ -282,16 +282,16 @@ class LocalLink:
 
     @property
     def where(self) -> str:
-        """Name of what it goes over, for messages."""
+        """Name of the link, for messages."""
         return "the local link"
 
     @property
     def only_read(self) -> bool:
-        """Always False: nobody else can reach a stimulator in this process."""
+        """Always False: no other bench can reach a stimulator in this process."""
         return False
 
     def drive(self) -> None:
-        """Do nothing: nobody else can drive a stimulator in this process."""
+        """Do nothing: this bench is always the commander of a stimulator in this process."""
 
     def read(self, name: str) -> int:
         """Read the raw value of an object by name.
@@ -308,7 +308,7 @@ class LocalLink:
         return int(entry.read())
 
     def text(self, name: str) -> str:
-        """Read an object that is a string."""
+        """Read a string object."""
         return str(self._block.od[name].read())
 
     def write(self, name: str, raw: int) -> None:
@@ -331,16 +331,16 @@ class LocalLink:
         self._to_listeners(self._frames(cycle=False))
 
     def read_table(self, name: str) -> bytes:
-        """Read an object that is a DOMAIN."""
+        """Read a DOMAIN object."""
         return bytes(self._block.od[name].read())
 
     def write_table(self, name: str, data: bytes) -> None:
-        """Write an object that is a DOMAIN.
+        """Write a DOMAIN object.
 
         Raises
         ------
         RefusedError
-            If the stimulator refuses it.
+            If the stimulator refuses the data.
         """
         try:
             self._block.write(name, data)
@@ -357,12 +357,12 @@ class LocalLink:
         self.write("Simulation.Start run", 1)
 
     def run(self, cycles: int, rows: list[Row], interrupted: Callable[[], bool] = never) -> None:
-        """Let so many cycles pass, and append a row of recorded values for each.
+        """Run the loop for a number of cycles, and append a row of recorded values for each.
 
         Raises
         ------
         BusyError
-            While another thread runs the loop.
+            If another thread is running the loop.
         """
         tick = self._block.tick
         recorded = self._recorded
@@ -376,7 +376,7 @@ class LocalLink:
                     self._to_listeners(self._frames(cycle=True))
 
     def source(self) -> FrameSource:
-        """Return what the PDOs of a stimulator with the default mapping would carry."""
+        """Return the PDOs that a stimulator with the default mapping would send."""
         return FrameSource(
             published=self._pdos,
             every_cycle=[pdo.number for pdo in self._pdos if pdo.number != _STATUS_TPDO],
@@ -387,7 +387,7 @@ class LocalLink:
 
     @contextmanager
     def frames(self, hear: Hear, *, every_cycle: bool = True) -> Iterator[None]:
-        """Pass on the frames that there would be with a bus."""
+        """Pass the frames that a bus would carry to `hear`, during a block."""
         self._listeners += (hear,)
         try:
             yield
@@ -395,31 +395,30 @@ class LocalLink:
             self._listeners = tuple(other for other in self._listeners if other is not hear)
 
     def raw(self, path: Path) -> NoReturn:
-        """Refuse: without a bus there is nothing to log."""
+        """Raise BenchError: without a bus there are no frames to log."""
         raise BenchError(f"there is no bus whose frames could go to {path}: simulate('bus')")
 
     def silent(self) -> list[int]:
-        """Return an empty list: a function answers."""
+        """Return an empty list: nothing can fall silent without a bus."""
         return []
 
     def wrong_time(self) -> str:
-        """Return an empty text: time passes in `run` alone."""
+        """Return an empty text: time passes only in `run`."""
         return ""
 
     def close(self) -> None:
         """Do nothing: there is no bus to leave."""
 
     def _to_listeners(self, frames: Iterable[Frame]) -> None:
-        """Pass on frames that there would be with a bus."""
         if self._listeners:
             for can_id, data, _ in frames:
                 for hear in self._listeners:
                     hear(can_id, data)
 
     def _frames(self, *, cycle: bool) -> Iterator[Frame]:
-        """Yield the public TPDOs, and the emergencies of what was latched.
+        """Yield the public TPDOs, and an emergency for each watchdog that was latched or reset.
 
-        The TPDO with the status comes if it has changed, the others in a cycle.
+        The TPDO with the status is sent on a change, the other ones in a cycle.
         """
         for pdo, readers in zip(self._pdos, self._readers, strict=True):
             status = pdo.number == _STATUS_TPDO

@@ -1,4 +1,4 @@
-"""The bench's stimulator: opened and closed, armed, read, run and recorded, over any link."""
+"""The stimulator as a lab script sees it: connect, arm, set, read, run, record; over any link."""
 
 from __future__ import annotations
 
@@ -56,39 +56,40 @@ from smarttac_can.vocabulary.textures import TABLE_NAMES, TextureTable
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog, watchdogs_in
 
 _EXPLAINED: Final = (AbortCode.NO_DATA, AbortCode.VALUE, AbortCode.STATE)
-"""Refusals of a texture whose reason is in the Message."""
+"""Abort codes of a refused texture for which the object Message holds the reason."""
 _READY_CYCLES: Final = 100
-"""What the tare at power-on takes, and some lost cycles."""
+"""Cycles that the tare at power-on takes, plus some lost cycles."""
 _IDENTIFY_CYCLES: Final = 100
 _IDENTIFY_LIMIT: Final = 100
 _CONTROLWORD: Final = "Controlword"
 _BY_WRONG_ZERO: Final = (Watchdog.GAUGES, Watchdog.PICKUP)
-"""What watches the plate finds them with a finger on it that was tared away."""
+"""Watchdogs that trip on a correct plate if its zero was tared with a finger on it."""
 CYCLES_PER_SECOND: Final = 1000
 _LEAST_RECORDED: Final = 0.5
+"""Fraction of the cycles of a run that must be recorded."""
 _MOST_S: Final = 604_800
 _LONG_S: Final = 2.0
 """A progress bar is shown for longer runs."""
 _MOST_CYCLES: Final = 100
-"""In which the objects of a sample have been read, on a slow bus as well."""
+"""Most cycles per sample; the SDO reads of one sample fit in them, even on a slow bus."""
 
 
 class Stimulator(NamedObjects):
-    """A SMARTTAC stimulator at the bench; a context manager that leaves it at 0 V.
+    """A SMARTTAC stimulator, as a context manager that leaves it at 0 V.
 
-    `connect` and `simulate` make one.
+    Create one with `connect` or `simulate`.
 
     Parameters
     ----------
     link
-        How it is reached; closed with the stimulator.
+        Link to the stimulator; closed together with it.
     od
-        EDS of the stimulator.
+        Object dictionary from the EDS of the stimulator.
 
     Attributes
     ----------
     finger
-        The finger of a simulated plate.
+        Finger of a simulated plate.
     """
 
     # A misspelt property is an error, not a new attribute.
@@ -96,7 +97,7 @@ class Stimulator(NamedObjects):
 
     voltage = InUnit("Setpoint.Voltage", "V", "Set-point of mode OPEN_LOOP in V.")
     frequency = InUnit(
-        "Setpoint.Frequency", "Hz", "Excitation frequency in Hz: fixed, or where its loop starts."
+        "Setpoint.Frequency", "Hz", "Excitation frequency in Hz: fixed, or the start of its loop."
     )
     amplitude = InUnit("Setpoint.Amplitude", "um", "Set-point of the amplitude in um peak-to-peak.")
     boundary = InUnit("Setpoint.Boundary", "mm", "Boundary in mm from the middle of the plate.")
@@ -104,24 +105,24 @@ class Stimulator(NamedObjects):
     law = Choice(
         "Friction law",
         Law,
-        "Friction law: what the step of the amplitude is added to; set it by member or name.",
+        "Friction law: the amplitude to which its step is added; set by member or name.",
     )
     vibration_law = Choice(
         "Controller.Vibration law",
         VibrationLaw,
-        "How amplitude and resonance are regulated; by member or name, also while running.",
+        "Law for amplitude and resonance; set by member or name, also while running.",
     )
 
     def __init__(self, link: Link, od: ObjectDictionary) -> None:
         super().__init__(link, od)
-        # Whether the state was FAULT when it was last asked for.
+        # Whether the state was FAULT when it was last read.
         self._knows_fault = False
         self._recording: Recording | None = None
         self.finger = SimulatedFinger(self.get, self._set_all)
 
     @property
     def mode(self) -> Mode:
-        """Mode asked for; setting one arms the stimulator and runs it, OFF disarms it.
+        """Requested mode. Setting a mode arms and starts the stimulator; setting OFF disarms it.
 
         Setting raises `FaultError` and `NotReadyError` as `arm` does.
         """
@@ -141,7 +142,7 @@ class Stimulator(NamedObjects):
             if not running:
                 self._link.write(_CONTROLWORD, Control.ARM | Control.RUN)
         except RefusedError as error:
-            # A watchdog that trips in between is the reason, not the state that it leads to.
+            # If a watchdog trips meanwhile, report the fault, not the refusal that follows from it.
             self._require_no_fault(self.state)
             if number == Mode.TEXTURE and error.code == AbortCode.NO_DATA:
                 hint = f"cannot play: {self.message}: a script sets bench.texture first"
@@ -150,14 +151,14 @@ class Stimulator(NamedObjects):
 
     @property
     def state(self) -> State:
-        """State of the device. `run` raises no `FaultError` for a fault that was read here."""
+        """State of the device. `run` raises no `FaultError` for a fault that was seen here."""
         state = self._shown_state()
         self._knows_fault = state is State.FAULT
         return state
 
     @property
     def texture_slot(self) -> int:
-        """Slot that mode TEXTURE plays, 1 to 4, and that `texture` is of; also while running."""
+        """Slot, 1 to 4, that mode TEXTURE plays and `texture` reads; may be set while running."""
         return self._link.read("Texture.Slot")
 
     @texture_slot.setter
@@ -169,12 +170,12 @@ class Stimulator(NamedObjects):
 
     @property
     def texture(self) -> Texture | None:
-        """Texture in the chosen slot, None if it is empty; also while it is played.
+        """Texture in the selected slot, None if the slot is empty; may be set while it is played.
 
-        Setting one raises `ValueError` if it has a COF beyond the bounds of the stimulator, and
-        `RefusedError` if the stimulator refuses it; what was there stays then. It warns of a
-        texture that is too fast to be followed, above `FOLLOWED_HZ` at the speed that
-        `finger.stroke` was given last, or at 50 mm/s.
+        Setting raises `ValueError` if a COF is beyond the bounds of the stimulator, and
+        `RefusedError` if the stimulator refuses the texture; the slot is then unchanged. A warning
+        is given if the texture is too fast to be followed: above `FOLLOWED_HZ` at the speed last
+        passed to `finger.stroke`, or at 50 mm/s.
         """
         data = self._link.read_table(self._table())
         return Texture(TextureTable.unpack(data)) if data else None
@@ -209,7 +210,7 @@ class Stimulator(NamedObjects):
 
     @contextmanager
     def _texture_explained(self, name: str) -> Iterator[None]:
-        """Give the reason of the stimulator where something of a texture is refused."""
+        """Raise the refusal of a texture again with the reason that the stimulator gives."""
         try:
             yield
         except RefusedError as error:
@@ -229,27 +230,27 @@ class Stimulator(NamedObjects):
         timeout: float | None = None,
         **options: Any,
     ) -> Self:
-        """Connect to a stimulator on a CAN bus and start it, and its plate node if it has one.
+        """Connect to a stimulator on a CAN bus, and start it and its plate node, if there is one.
 
         Parameters
         ----------
         interface, channel, options
-            As python-can has them; what is not given comes from python-can's configuration.
+            Arguments of python-can; what is omitted comes from python-can's configuration.
             Frames of udp_multicast stay on this computer unless ``hop_limit`` is given there.
         node_id
             Node-ID of the stimulator, 1..127.
         plate_node_id
-            Node-ID of the plate node, 1..127; None with the plate inside the stimulator.
+            Node-ID of the plate node, 1..127; None if the plate is inside the stimulator.
         lockstep
             Whether the nodes were started with ``--lockstep``: the bench then produces the SYNC.
         timeout
-            Longest wait in s for an SDO answer, and in real time for the first values of `read`. By
-            default 1, and 5 in lockstep, where a process that is slow misses nothing.
+            Longest wait in s for an SDO answer, and in real time for the first values of `read`.
+            By default 1, or 5 in lockstep, where a slow process misses nothing.
 
         Raises
         ------
         BenchError
-            If the bus cannot be opened, no node answers, or it is another device.
+            If the bus cannot be opened, no node answers, or the node is another device.
         """
         from smarttac_can.bench.can_link import open_can_link  # noqa: PLC0415 - loads canopen
 
@@ -287,29 +288,29 @@ class Stimulator(NamedObjects):
         seed
             Seed of noise and finger, 0..2^32 - 1.
         subject
-            Number of the finger's subject: 1..5 the presets, 6..9 those fitted to Table I.
+            Number of the finger's subject: 1..5 are presets, 6..9 are fitted to Table I.
         plate_inside
             Whether the plate is inside the stimulator node; without a bus it always is.
         finger
-            A finger of your own, that is played instead of a stroke: time in s from the start of
-            the run, position in mm from the middle of the plate, -38..38, and normal force in N,
-            0..10. Linear between two samples, of which there are 2 or more in order of time;
-            lifted before the first and after the last.
+            Samples of your own finger, played instead of a stroke: time in s from the start of the
+            run, position in mm from the middle of the plate, -38..38, and normal force in N, 0..10.
+            There are 2 or more, in order of time, interpolated linearly. The finger is lifted
+            before the first sample and after the last.
         presets
             Values by name that replace defaults of the stimulator's EDS: raw integers, or texts
             with a unit as `set` takes them, such as ``800 nm``.
         log
-            Called with the time stamp in us and the frame, for every frame on the bus; the local
-            link has none.
+            Function called with the time stamp in us and the frame, for every frame on the bus;
+            not available with link ``local``.
 
         Raises
         ------
         ValueError
             If there is no such link, seed or subject, `plate_inside` is neither True nor False, a
             sample of `finger` is out of range or order, a preset is no value of its object, or
-            `log` cannot be called or has no bus.
+            `log` is not callable or the link has no bus.
         BenchError
-            If there is no such object.
+            If a preset names an object that does not exist.
         """
         given = {} if presets is None else presets
         return cls(
@@ -331,22 +332,21 @@ class Stimulator(NamedObjects):
         try:
             self.close()
         except BenchError:
-            # The first failure is the one to report.
+            # Report the first failure, not the one that follows from it.
             if kind is None:
                 raise
 
     def close(self) -> None:
-        """Disarm, unless this bench only read, and leave the bus; may be called twice.
+        """Disarm, unless this bench only reads, and leave the bus; may be called twice.
 
-        A ``with`` does it. Where there is none, as in a notebook, the plate is driven for as long
-        as the process lives, or until this is called. Whatever is asked of it afterwards raises
-        `BenchError`.
+        The end of a ``with`` block calls it. Without one, as in a notebook, the plate is driven
+        until this is called or the process ends. Any later access raises `BenchError`.
 
         Raises
         ------
         BenchError
-            If it could not be disarmed; the bus has been left all the same, and the heartbeat of
-            this bench ends the drive within its time.
+            If the stimulator could not be disarmed. The bus is left all the same, and without the
+            heartbeat of this bench the stimulator goes to 0 V after the heartbeat time.
         """
         link = self._link
         if isinstance(link, ClosedLink):
@@ -365,29 +365,29 @@ class Stimulator(NamedObjects):
         return f"<Stimulator over {self._link.where}>"
 
     def claim(self) -> None:
-        """Become the one bench that drives, before a procedure of many steps; nothing moves by it.
+        """Become the commander before a procedure of many steps, without moving anything.
 
         Raises
         ------
         BenchError
-            If another bench drives, or whoever drives has armed the stimulator.
+            If another bench is the commander, or the stimulator is armed.
         """
         self._link.drive()
         if self.state in ARMED:
             raise BenchError(f"somebody drives the stimulator: {DISARM_FIRST}")
 
     def arm(self) -> None:
-        """Arm, still at 0 V: a fault trips from then on. A loop that has just begun tares first.
+        """Arm at 0 V; from then on a fault trips. A loop that has just started is tared first.
 
         Raises
         ------
         FaultError
             If a fault is latched.
         NotReadyError
-            If something is missing, or a fault is present.
+            If something required is missing, or a fault is present.
         """
-        # The heartbeat that a killed bench leaves missing is a fault that is present; this one's
-        # ends it.
+        # After a bench was killed, its missing heartbeat is a fault that is present. The heartbeat
+        # of this bench clears it.
         self._link.drive()
         state = self.state
         if state is State.ARMED:
@@ -409,7 +409,7 @@ class Stimulator(NamedObjects):
         self._link.write("Mode", Mode.OFF)
 
     def _stop_driving(self) -> bool:
-        """Disarm, unless this bench only reads; return whether that was possible."""
+        """Disarm, unless this bench only reads; return False if that failed."""
         try:
             if not self._link.only_read:
                 self.disarm()
@@ -418,7 +418,7 @@ class Stimulator(NamedObjects):
         return True
 
     def quick_stop(self) -> None:
-        """Go to 0 V at once, and stay there until `disarm` or `arm`."""
+        """Go to 0 V at once, and stay there until `disarm` or `arm` is called."""
         if self.state in ARMED:
             self._link.write(_CONTROLWORD, Control.QUICK_STOP)
 
@@ -428,7 +428,7 @@ class Stimulator(NamedObjects):
         Raises
         ------
         FaultError
-            If its cause is still there.
+            If the cause of the fault is still present.
         """
         self._link.drive()
         if self.state is not State.FAULT:
@@ -442,7 +442,7 @@ class Stimulator(NamedObjects):
         self._knows_fault = False
 
     def start_run(self) -> None:
-        """Put the simulated plate to rest at tick 0, with its finger and noise, controllers off."""
+        """Restart the simulation at tick 0: plate at rest, finger and noise reset, no control."""
         self._link.drive()
         self._link.start_run()
 
@@ -452,10 +452,10 @@ class Stimulator(NamedObjects):
         Raises
         ------
         RefusedError
-            While armed or running: `disarm` first. If a gauge is further from its null than
+            While armed or running: `disarm` first. Also if a gauge is further from its null than
             ``Gauge null.Window``: something rests on the plate.
         FaultError
-            If a fault is latched, as by too large a force while it is there.
+            If a fault is latched, for example by too large a force.
         """
         self._link.drive()
         self._link.run(TARE_SAMPLES, [])
@@ -476,7 +476,7 @@ class Stimulator(NamedObjects):
         Parameters
         ----------
         progress
-            Called with the percentage that is done.
+            Function called with the progress in percent.
 
         Raises
         ------
@@ -509,7 +509,7 @@ class Stimulator(NamedObjects):
         )
 
     def _require_no_fault(self, state: State, trace: Trace | None = None) -> None:
-        """Raise `FaultError` in state FAULT, with what a run has recorded."""
+        """Raise `FaultError` in state FAULT, with the trace of the run if there is one."""
         if state is State.FAULT:
             recorded = "; .trace holds the recording" if trace is not None else ""
             reason = _with_cure(self.message)
@@ -534,53 +534,54 @@ class Stimulator(NamedObjects):
         return "it has to be tared, and its nodes have to be operational and give cycles"
 
     def read(self) -> Reading:
-        """Return what the stimulator published last, with its age.
+        """Return the values that the stimulator published last, with their age.
 
-        Right after `connect` it waits for the first values, up to the time-out given there; in
-        lockstep and in a simulation they come with the first `run`.
+        Right after `connect` it waits for the first values, up to the time-out given there. In
+        lockstep and in a simulation the first values come with the first `run`.
 
         Raises
         ------
         NotRunningError
-            If it has not published all of them yet, or is no longer OPERATIONAL.
+            If the stimulator has not published all values yet, or is not OPERATIONAL.
         HeartbeatLostError
-            If a node has fallen silent.
+            If the heartbeat of a node is lost.
         """
         return Reading.from_snapshot(self._link.snapshot(), self._od)
 
     def run(self, seconds: float, experiment: str = "run", subject: int = 0) -> Trace:
-        """Let the loop run, and return what was recorded in each of its cycles of 1 ms.
+        """Run the loop, and return what was recorded in each of its cycles of 1 ms.
 
-        From 2 s on a bar shows how far it is, on a terminal and in a notebook.
+        From 2 s on, a progress bar is shown on a terminal and in a notebook.
 
-        With a fault that is known already, by a `FaultError` or by `state`, it just records: the
-        cause goes, and time passes, before `reset_fault`.
+        If a fault is already known from a `FaultError` or from `state`, the run only records. So
+        time can pass until the cause is gone, before `reset_fault`.
 
         Parameters
         ----------
         seconds
-            How long, 0.001 to 604800: of the loop's time in lockstep, of the clock's otherwise.
+            Length in s, 0.001 to 604800; loop time in lockstep, time of the clock otherwise.
         experiment, subject
             Labels of the trace.
 
         Raises
         ------
         ValueError
-            If `seconds` is not a finite number, or outside its bounds, or a label is none; nothing
+            If `seconds` is not a finite number within its bounds, or a label is invalid; nothing
             has run then.
         FaultError
-            If a fault is latched at its end that was not known at its beginning; `trace` of the
+            If a fault is latched at the end that was not known at the beginning; `trace` of the
             error is what was recorded.
         BusyError
-            If another thread is in `run`, `tare` or `identify` of this stimulator, which go on.
+            If another thread is in `run`, `tare` or `identify` of this stimulator; that call goes
+            on.
         NotRunningError
             If the loop gives no cycles, or most of them were lost.
         HeartbeatLostError
-            If a node falls silent.
+            If the heartbeat of a node is lost.
         RunInterruptedError
-            At Ctrl-C, between two cycles.
+            On Ctrl-C, between two cycles.
 
-        The last three disarm, and their `trace` is what was recorded until then.
+        The last three errors disarm; their `trace` holds what was recorded until then.
         """
         require_labels(experiment, subject)
         knew_fault = self._knows_fault
@@ -612,18 +613,18 @@ class Stimulator(NamedObjects):
         return trace
 
     def sample(self, names: Sequence[str], count: int) -> npt.NDArray[np.float64]:
-        """Read objects again and again while the loop runs once, a cycle or more apart.
+        """Read objects once per sample, one or more cycles apart, while the loop runs.
 
-        What the node measures and does not publish is read so: raw gauges, ``Plate input.S1``.
-        In real time one sample after another takes as long as the SDO reads do, and the objects of
-        one sample may be of cycles that follow each other.
+        Use it for measured values that the node does not publish: raw gauges, ``Plate input.S1``.
+        In real time a sample takes as long as its SDO reads, and the objects of one sample may come
+        from successive cycles.
 
         Parameters
         ----------
         names
             Names of the objects, one or more.
         count
-            How many times, 1 or more.
+            Number of samples, 1 or more.
 
         Returns
         -------
@@ -633,9 +634,9 @@ class Stimulator(NamedObjects):
         Raises
         ------
         ValueError
-            If `count` is no integer of 1 or more, or `names` are none.
+            If `count` is not an integer of 1 or more, or `names` is not a list of names.
         BenchError
-            If there is no such object, or it is no number. Otherwise as `run`.
+            If an object does not exist, or is not a number. Other errors as in `run`.
         """
         if type(count) is not int or count < 1:
             raise ValueError(f"count {count!r} is no integer of 1 or more")
@@ -666,21 +667,21 @@ class Stimulator(NamedObjects):
     def _running(
         self, rows: list[Row], experiment: str, subject: int
     ) -> Iterator[Callable[[], bool]]:
-        """Handle the end of a run: an error disarms, and keeps what was recorded.
+        """Disarm and keep what was recorded if an error ends a run.
 
-        It yields a function that returns whether Ctrl-C has come.
+        Yields a function that returns whether Ctrl-C was pressed.
         """
         with interrupt_waits() as interrupted:
             try:
                 yield interrupted
-            except BusyError:  # not this run to be ended
+            except BusyError:  # the run of another thread goes on
                 raise
             except BenchError as error:
                 self._end_run(error, rows, experiment, subject)
                 raise
 
     def _end_run(self, error: BenchError, rows: list[Row], experiment: str, subject: int) -> None:
-        """Keep what a run has recorded that an error ends, and disarm."""
+        """Attach what was recorded to the error that ends a run, and disarm."""
         if rows:
             error.trace = Trace(experiment, subject, unwrapped(rows))
             error.add_note(f".trace holds the {len(rows)} cycles until then")
@@ -700,32 +701,31 @@ class Stimulator(NamedObjects):
         operator: str = "",
         notes: str = "",
     ) -> Recording:
-        """Record in the background, whatever else is done, while a ``with`` block lasts.
+        """Record in the background during a ``with`` block.
 
-        Every cycle that comes, with what is set meanwhile, from here or by others, goes into a log;
-        at the end of the block an HDF5 file is made of it. A process that is killed leaves the log,
-        which lacks a second at most: ``smarttac record --recover``. An error that ends the block,
-        Ctrl-C too, disarms first.
+        Every cycle and every set-point, from this bench or from others, goes into a log. At the end
+        of the block an HDF5 file is made from it. If the process is killed, the log remains and
+        lacks 1 s at most: ``smarttac record --recover``. If an error or Ctrl-C ends the block, the
+        stimulator is disarmed first.
 
         Parameters
         ----------
         path
-            The file, ``.h5`` or ``.hdf5``, which does not exist yet; `read_recording` reads it.
+            HDF5 file to create, ``.h5`` or ``.hdf5``; it must not exist. `read_recording` reads it.
         raw
-            File for all frames on the bus besides, in the format of python-can that its suffix
-            stands for; it does not exist yet.
+            Additional file for all frames on the bus, in the format of python-can that its suffix
+            selects; it must not exist.
         subject, operator, notes
-            What is to stand in the file of who was recorded, by whom and how: up to 1000
-            characters each.
+            Texts stored in the file: who was recorded, by whom and how; up to 1000 characters each.
 
         Raises
         ------
         ValueError
-            If one of these is no text, or too long.
+            If one of these is not a text, or too long.
         BenchError
-            If another recording of this bench goes on; as the block begins, if the file exists,
-            has another suffix or cannot be written, h5py is missing, the TPDOs do not carry the
-            tick, or there is no such format or no bus.
+            If another recording of this bench is active. At the start of the block: if the file
+            exists, has another suffix or cannot be written, h5py is missing, the TPDOs do not carry
+            the tick, or `raw` has an unknown format or there is no bus.
         """
         if self._recording is not None and self._recording.goes_on:
             raise BenchError(f"{self._recording.path} is being recorded: one file at a time")
@@ -740,9 +740,9 @@ class Stimulator(NamedObjects):
         return self._recording
 
     def events(self) -> Events:
-        """Hear of state changes, faults and heartbeats while a ``with`` block lasts.
+        """Receive state changes, faults and lost heartbeats during a ``with`` block.
 
-        Beside whatever else is done, from here or by others; any number of blocks at once.
+        Other calls may be made meanwhile, here or by others. Several blocks may be open at once.
 
         Examples
         --------
@@ -754,7 +754,7 @@ class Stimulator(NamedObjects):
         return Events(self._link, self._od.node_id)
 
     def mark(self, text: str) -> None:
-        """Put a marker into the recording that goes on.
+        """Add a marker to the active recording.
 
         Parameters
         ----------
@@ -764,7 +764,7 @@ class Stimulator(NamedObjects):
         Raises
         ------
         BenchError
-            If none goes on.
+            If no recording is active.
         """
         if self._recording is None:
             raise BenchError("nothing is being recorded: markers go into a recording")
@@ -772,7 +772,7 @@ class Stimulator(NamedObjects):
 
 
 def _with_cure(reason: str) -> str:
-    """Return why a stimulator stands, and what to do where that is not what one would look for."""
+    """Return the reason of a fault, with a hint where a wrong zero may be the cause."""
     if not any(WATCHDOGS[watchdog].text in reason for watchdog in _BY_WRONG_ZERO):
         return reason
     return (

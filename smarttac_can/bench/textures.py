@@ -1,4 +1,4 @@
-"""Textures as a person makes them: gratings, profiles, rows of a picture, recordings."""
+"""Textures for the stimulator from gratings, profiles, rows of a picture and recordings."""
 
 from __future__ import annotations
 
@@ -32,16 +32,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PLATE_MM: Final = 76.0
-"""Length of the plate along which a finger strokes."""
+"""Length of the plate in mm along the stroke of a finger."""
 MAX_BYTES: Final = 64 << 20
-"""Largest file that a texture is made of."""
+"""Largest file in bytes from which a texture is read."""
 NM_PER_MM: Final = 1e6
 US_PER_S: Final = 1e6
 MOST_MM: Final = MAX_START / NM_PER_MM
-"""Largest distance of a place from the middle of the plate in mm."""
+"""Largest distance of a position from the middle of the plate in mm."""
 FOLLOWED_HZ: Final = 110.0
-"""Up to here a finger feels 0.7 of the swing of a texture or more, with the dead time of a bus and
-the vibration law ``pi``: docs/reference/bandwidth.md."""
+"""Highest frequency in Hz at which a finger feels 0.7 of the swing of a texture or more, with the
+dead time of a bus and the vibration law ``pi``: docs/reference/bandwidth.md."""
 _MOST_STEP_MM: Final = MAX_STEP / NM_PER_MM
 _MS_US: Final = 1000
 _LEAST_POINTS: Final = 2
@@ -52,18 +52,18 @@ _PROFILES: Final = {
     "trapezoid": ((0.0, 0.0), (1 / 3, 1.0), (2 / 3, 1.0), (1.0, 0.0)),
     "sine": tuple((t, 0.5 - 0.5 * float(np.cos(2.0 * np.pi * t))) for t in np.linspace(0, 1, 201)),
 }
-"""Time over the whole, and the share of the way from low to high."""
+"""Points (time as a fraction of the length, COF as a fraction of the way from low to high)."""
 _MARGIN: Final = 0.02
 _HEADROOM: Final = 0.1
-"""Free space in a figure beside and above the curve, as shares of it."""
+"""Free space in a figure beside and above the curve, as fractions of it."""
 _CURE: Final = "; leave out rows where the finger turns, rests or hardly touches"
 _GREY_DIMENSIONS: Final = 2
 _SHOWN: Final = 40
 
 GRID_MM: Final = 0.02
-"""Distance of the places at which passes are compared."""
+"""Grid spacing in mm at which passes are compared."""
 _LEAST_SHARE: Final = 0.05
-"""Amplitudes of a texture below this share of its largest one are none of its frequencies."""
+"""Frequencies with an amplitude below this fraction of the texture's largest are ignored."""
 _LEAST_ROWS: Final = 8
 
 
@@ -71,12 +71,12 @@ _LEAST_ROWS: Final = 8
 class Texture:
     """COF over position or time, to be played by a stimulator: ``bench.texture = texture``.
 
-    Made by `grating`, `profile`, `from_png` and `from_csv`, with a COF of 0.05..2 everywhere, the
-    bounds of the EDS.
+    Created by `grating`, `profile`, `from_png` and `from_csv`. The COF is 0.05..2 everywhere, as
+    bounded by the EDS.
     """
 
     table: TextureTable
-    """As the stimulator has it."""
+    """Table as stored in the stimulator."""
 
     @classmethod
     def grating(
@@ -87,23 +87,23 @@ class Texture:
         duty: float = 0.5,
         shape: str = "square",
     ) -> Self:
-        """Make a grating over the whole plate; at its middle a ridge, of the higher COF, begins.
+        """Make a grating over the whole plate; a ridge, with the higher COF, begins at its middle.
 
         Parameters
         ----------
         period_mm
-            Distance of two ridges in mm, 0.1..76.
+            Distance between two ridges in mm, 0.1..76.
         low, high
             COF between the ridges and on them.
         duty
-            Share of a ridge of the period, 0.01..0.99; 0.5 with a sine.
+            Width of a ridge as a fraction of the period, 0.01..0.99; must be 0.5 for a sine.
         shape
             ``square`` or ``sine``.
 
         Raises
         ------
         ValueError
-            If a number is outside its range, or there is no such shape.
+            If a number is outside its range, or the shape is unknown.
         """
         period = within("period_mm", period_mm, 0.1, PLATE_MM)
         ridge = within("duty", duty, 0.01, 0.99)
@@ -112,7 +112,7 @@ class Texture:
         if shape == "sine" and ridge != 0.5:  # noqa: PLR2004 - half of the period
             raise ValueError(f"duty {duty} of a sine is not 0.5")
         low, high = _levels(low, high)
-        # The middles of the steps, so that a ridge is as wide as it should be.
+        # Interpolation puts the edges of a ridge half a step outside its values: width is exact.
         phase = np.arange(_PERIOD_VALUES) / _PERIOD_VALUES
         if shape == "sine":
             share = 0.5 + 0.5 * np.sin(2.0 * np.pi * phase)
@@ -131,25 +131,25 @@ class Texture:
         *,
         repeats: bool = False,
     ) -> Self:
-        """Make a profile over the time from when it begins to be played.
+        """Make a profile over time, which starts when the stimulator begins to play it.
 
         Parameters
         ----------
         shape
             ``step`` (in the middle), ``ramp``, ``trapezoid`` (in thirds), ``sine`` (one period,
-            from low to high and back); or points (time in s, COF) with straight lines between
-            them, two at one time for a step.
+            from low to high and back); or points (time in s, COF) joined by straight lines, two
+            points at the same time for a step.
         low, high
-            COF of a shape by name.
+            COF bounds of a named shape.
         seconds
-            Length of a shape by name in s, 0.002..1000.
+            Length of a named shape in s, 0.002..1000.
         repeats
-            Whether it begins anew at its end; else its last COF stays.
+            Whether the profile restarts at its end; otherwise its last COF is held.
 
         Raises
         ------
         ValueError
-            If there is no such shape, the times fall, a number is outside its range, or `repeats`
+            If the shape is unknown, the times decrease, a number is outside its range, or `repeats`
             is neither True nor False.
         """
         if isinstance(shape, str):
@@ -173,27 +173,27 @@ class Texture:
     def from_png(
         cls, path: Path | str, row: int, low: float, high: float, width_mm: float = PLATE_MM
     ) -> Self:
-        """Make a texture of a row of a grey picture: black is low, white is high.
+        """Make a texture from a row of a grey picture: black is low, white is high.
 
         Needs the extra ``report``; raises BenchError without it.
 
         Parameters
         ----------
         path
-            PNG of grey values.
+            PNG file with grey values.
         row
-            Number of the row from the top, from 0.
+            Number of the row, counted from 0 at the top.
         low, high
             COF of black and white.
         width_mm
-            Width of the picture on the plate, about its middle, 1..76.
+            Width of the picture in mm, 1..76, centred on the plate.
 
         Raises
         ------
         ValueError
-            If it is no grey picture, has no such row, or a number is outside its range.
+            If the picture is not grey, has no such row, or a number is outside its range.
         OSError
-            If it cannot be read.
+            If the file cannot be read.
         """
         low, high = _levels(low, high)
         width = within("width_mm", width_mm, 1.0, PLATE_MM)
@@ -215,34 +215,34 @@ class Texture:
         step_mm: float = 0.05,
         least_force: float = 0.05,
     ) -> Self:
-        """Make a texture of a recording: COF, or lateral and normal force, over position or time.
+        """Make a texture from a recording: COF, or lateral and normal force, over position or time.
 
-        Positions may be irregular, come more than once and go back and forth: the mean of all
-        samples near a place counts. Where there are none, the line between their neighbours does.
+        Positions may be irregular, repeat and go back and forth: the mean of all samples near a
+        position is taken. Positions without samples are interpolated linearly.
 
         Parameters
         ----------
         path
-            CSV with a header, before which lines that begin with ``#`` are left out.
+            CSV file with a header; lines before it that begin with ``#`` are skipped.
         position, time
-            Name of the column that it goes over, in mm from the middle of the plate or in s.
+            Name of the column of the abscissa, in mm from the middle of the plate or in s.
         cof
             Name of the column of the COF.
         lateral, normal
-            Names of the columns of the forces, instead, in one unit; of the lateral one the sign
-            does not count.
+            Names of the columns of the forces, used instead of `cof`, both in the same unit. The
+            sign of the lateral force is ignored.
         step_mm
-            Distance of two values over position in mm, 0.01..10.
+            Distance between two values over position in mm, 0.01..10.
         least_force
-            Samples of a lower normal force are left out.
+            Normal force, in the unit of its column, below which a sample is skipped.
 
         Raises
         ------
         ValueError
-            If columns are missing or contradict each other, or a number is none or cannot be
-            played; names the line.
+            If columns are missing or contradict each other, or a cell is not a number or cannot be
+            played; the message names the line.
         OSError
-            If it cannot be read.
+            If the file cannot be read.
         """
         if bool(position) == bool(time):
             raise ValueError("give one of position and time, the column that it goes over")
@@ -273,19 +273,19 @@ class Texture:
 
     @property
     def over_time(self) -> bool:
-        """Whether it goes over time, not over position."""
+        """Whether the texture goes over time, not over position."""
         return self.table.axis is Axis.TIME
 
     def frequency(self, speed: float) -> float:
-        """Return the frequency in Hz below which half of the power of its COF lies; 0 if constant.
+        """Return the frequency in Hz below which half of the power of the COF lies; 0 if constant.
 
-        Of a grating it is speed over period. Above `FOLLOWED_HZ` a finger feels less than 0.7 of
+        For a grating it is speed over period. Above `FOLLOWED_HZ` a finger feels less than 0.7 of
         the swing.
 
         Parameters
         ----------
         speed
-            Of the finger in mm/s; a texture over time needs none.
+            Speed of the finger in mm/s; ignored for a texture over time.
         """
         table = self.table
         values = np.array(table.values, dtype=np.float64)
@@ -303,7 +303,7 @@ class Texture:
 
     @property
     def extent(self) -> tuple[float, float]:
-        """From where to where it goes: the plate in mm, or its time in s, twice if it repeats."""
+        """First and last place: the plate in mm, or the time in s, two periods if it repeats."""
         if not self.over_time:
             return -0.5 * PLATE_MM, 0.5 * PLATE_MM
         table = self.table
@@ -314,7 +314,7 @@ class Texture:
     def figure(self) -> Figure:
         """Draw the COF over the plate or the time; BenchError without the extra ``report``."""
         require_matplotlib()
-        # Who plays textures needs no pictures.
+        # Loaded here because playing a texture needs no figures.
         from smarttac_can.bench.drawing import RED, canvas  # noqa: PLC0415
 
         first, last = self.extent
@@ -323,7 +323,7 @@ class Texture:
         with canvas(7.2, 3.4) as figure:
             axes = figure.subplots()
             axes.plot(places, cof, color=RED, lw=1.4)
-            # A line on the frame would be cut to half its width.
+            # Without a margin, half of the line would be cut off at the frame.
             aside = _MARGIN * (last - first)
             axes.set_xlim(first - aside, last + aside)
             axes.set_ylim(0.0, (1.0 + _HEADROOM) * max(cof))
@@ -333,7 +333,7 @@ class Texture:
         return figure
 
     def save_figure(self, path: Path | str) -> None:
-        """Draw it into a file, PNG or SVG by its ending; needs what `figure` does."""
+        """Save the figure as PNG or SVG, by the suffix; raises BenchError as `figure` does."""
         figure = self.figure()
         with in_words(path):
             figure.savefig(Path(path))
@@ -350,14 +350,14 @@ def _levels(low: float, high: float) -> tuple[float, float]:
 
 @cache
 def cof_bounds() -> tuple[float, float]:
-    """Return the lowest and the highest COF that a stimulator plays, by its EDS."""
+    """Return the lowest and the highest COF that a stimulator plays, from its EDS."""
     entry = stimulator_od()["Setpoint.COF left"]
     low, high = (float(int(bound) * entry.unit.number) for bound in (entry.low, entry.high))
     return low, high
 
 
 def over_position(places: Floats, cof: Floats) -> TextureTable:
-    """Return the table through COF at rising places in mm, in as many values as they are."""
+    """Return the table of COF at increasing positions in mm, with about as many values."""
     first, last = float(places[0]), float(places[-1])
     count = min(max(2, len(places)), MAX_VALUES)
     if count > len(places):
@@ -372,7 +372,7 @@ def over_position(places: Floats, cof: Floats) -> TextureTable:
 
 
 def profile_point(point: object) -> tuple[float, float]:
-    """Return a point of a profile, time in s and COF; ValueError if it is none."""
+    """Return a point of a profile, time in s and COF; raise ValueError if it is invalid."""
     try:
         time, cof = cast("tuple[object, object]", point)
     except (TypeError, ValueError):
@@ -381,7 +381,7 @@ def profile_point(point: object) -> tuple[float, float]:
 
 
 def over_time(points: list[tuple[float, float]], repeats: bool) -> TextureTable:
-    """Return the table through points (time in s, COF), in steps of 1 ms or a multiple."""
+    """Return the table through points (time in s, COF), in steps of a multiple of 1 ms."""
     if len(points) < _LEAST_POINTS:
         raise ValueError(
             f"a profile goes through 2 points (time in s, COF) or more, not {len(points)}"
@@ -398,7 +398,7 @@ def over_time(points: list[tuple[float, float]], repeats: bool) -> TextureTable:
 
 
 def table_of(axis: Axis, repeats: bool, start: int, step: int, cof: Floats) -> TextureTable:
-    """Return the table of COF at equal steps in counts of its axis."""
+    """Return the table of COF at equal steps, in counts of its axis."""
     for value in (cof.min(), cof.max()):
         within("COF", float(value), *cof_bounds())
     counts = np.round(cof / COF_COUNT).astype(np.int64)
@@ -406,7 +406,7 @@ def table_of(axis: Axis, repeats: bool, start: int, step: int, cof: Floats) -> T
 
 
 def within(name: str, value: float, low: float, high: float) -> float:
-    """Return a finite number within its bounds; a ValueError names it and them."""
+    """Return a finite number within its bounds; otherwise raise ValueError with name and bounds."""
     number = finite(name, value)
     if not low <= number <= high:
         raise ValueError(f"{name} {number:g} is outside {low:g}..{high:g}")
@@ -414,7 +414,7 @@ def within(name: str, value: float, low: float, high: float) -> float:
 
 
 class Samples(NamedTuple):
-    """COF at places, and where in its file each stands."""
+    """COF at places, with the line of the file for each."""
 
     path: Path
     line: Integers
@@ -424,7 +424,7 @@ class Samples(NamedTuple):
 
     @classmethod
     def of_cof(cls, path: Path, place: str, cof: str) -> Samples:
-        """Read columns of place and COF; raises as `read_columns`."""
+        """Read the columns of place and COF; raises as `read_columns`."""
         line, (places, values) = read_columns(path, (place, cof))
         return cls(path, line, places, values)
 
@@ -432,12 +432,12 @@ class Samples(NamedTuple):
     def of_forces(
         cls, path: Path, place: str, lateral: str, normal: str, least_force: float
     ) -> Samples:
-        """Read columns of place and forces, where the normal force is `least_force` or more.
+        """Read the columns of place and forces; drop rows with a normal force below `least_force`.
 
         Raises
         ------
         ValueError
-            As `read_columns`, or if the normal force is nowhere so large.
+            As `read_columns`, or if no normal force is so large.
         """
         line, (places, along, across) = read_columns(path, (place, lateral, normal))
         pressed = across >= max(least_force, 1e-9)
@@ -447,28 +447,29 @@ class Samples(NamedTuple):
         return cls(path, line[pressed], places[pressed], cof)
 
     def over_position(self, step: float) -> TextureTable:
-        """Return the table through the means of all samples near each multiple of a step in mm.
+        """Return the table of the mean COF near each multiple of `step` in mm.
 
         Raises
         ------
         ValueError
-            If a position, or a mean, cannot be played; names the line.
+            If a position or a mean cannot be played; the message names the line.
         """
         far = np.abs(self.place) > MOST_MM
         self._refuse(far, lambda k: f"position {self.place[k]:g} is outside ±{MOST_MM:g} mm")
         cells, which = np.unique(np.round(self.place / step), return_inverse=True)
         mean = np.bincount(which, self.cof) / np.bincount(which)
         self._refuse_cof(self._unplayable(self.cof) & self._unplayable(mean)[which])
-        # The mean of what lies on a bound may lie beyond it by a rounding.
+        # The mean of values at a bound may exceed it by a rounding error.
         return over_position(cells * step, np.clip(mean, *cof_bounds()))
 
     def over_time(self) -> TextureTable:
-        """Return the table through all samples, in the order of their times.
+        """Return the table through all samples, sorted by time.
 
         Raises
         ------
         ValueError
-            If a COF cannot be played; names the line. If it is too long, or a single sample.
+            If a COF cannot be played; the message names the line. Also if the recording is too long
+            or a single sample.
         """
         self._refuse_cof(self._unplayable(self.cof))
         order = np.argsort(self.place, kind="stable")
@@ -504,15 +505,15 @@ def read_columns(path: Path, names: Sequence[str]) -> tuple[Integers, list[Float
     Returns
     -------
     tuple
-        The line that each row ends in, from 1, and the columns.
+        Number of the line in which each row ends, from 1, and the columns.
 
     Raises
     ------
     ValueError
-        If it is no text, a column is missing, a number is none, or no row is left; names line and
-        column.
+        If the file is not a text, a column is missing, a cell is not a number, or no row is left;
+        the message names line and column.
     OSError
-        If it is no regular file, larger than `MAX_BYTES`, or cannot be read.
+        If the file is not a regular file, larger than `MAX_BYTES`, or cannot be read.
     """
     data = read_bounded(path, MAX_BYTES)
     try:
@@ -546,11 +547,11 @@ def _is_comment(line: str) -> bool:
 
 
 class _NoNumberError(ValueError):
-    """A cell of a CSV is no number."""
+    """A cell of a CSV file is not a number."""
 
 
 def _numbers(row: list[str], places: Sequence[tuple[str, int]]) -> list[float]:
-    """Return the numbers in a row by name and place of their columns; none if one is empty."""
+    """Return the numbers of a row by name and index of their columns; [] if a cell is empty."""
     texts = [row[place].strip() if place < len(row) else "" for _, place in places]
     return (
         []
@@ -571,19 +572,19 @@ def _number(name: str, text: str) -> float:
 
 @in_words()
 def read_grey_row(path: Path, row: int) -> Floats:
-    """Read a row of a grey PNG, from the top and 0, as numbers from 0, black, to 1, white.
+    """Read a row of a grey PNG, counted from 0 at the top, as numbers from 0 (black) to 1 (white).
 
     Raises
     ------
     ValueError
-        If it is no PNG, not grey, or has no such row.
+        If the file is not a PNG, not grey, or has no such row.
     OSError
-        If it is no regular file, larger than `MAX_BYTES`, or cannot be read.
+        If the file is not a regular file, larger than `MAX_BYTES`, or cannot be read.
     BenchError
         If matplotlib is missing.
     """
     require_matplotlib()
-    # Who plays textures needs no pictures.
+    # Loaded here because playing a texture needs no pictures.
     from matplotlib.image import imread  # noqa: PLC0415
 
     data = read_bounded(path, MAX_BYTES)
@@ -607,28 +608,29 @@ class Harmonic(NamedTuple):
     per_mm: float
     """Periods per mm."""
     asked: float
-    """Amplitude of the texture there, in COF."""
+    """Amplitude of the texture at this frequency, in COF."""
     gain: float
-    """Amplitude of the COF in phase with it, over that of the texture."""
+    """Amplitude of the COF in phase with the texture, over that of the texture."""
     error: float
     """Amplitude of the difference, in COF."""
 
 
 @dataclass(frozen=True)
 class Tracking:
-    """How the COF of one or more passes follows a texture over position; nothing is shifted."""
+    """How the COF of one or more passes follows a texture over position, without any shift."""
 
     passes: int
-    """How many there are."""
+    """Number of passes."""
     rms: float
     """Root mean square of the difference, in COF, over all passes."""
     correlations: tuple[float, ...]
-    """Of each pass alone."""
+    """Correlation of each single pass."""
     mean_correlation: float
-    """Of the mean over position of the passes in one direction; the lower one of both directions,
-    as in the mean of both a delay would cancel. The cycles alone cost a square 0.02 at 60 mm/s."""
+    """Correlation of the mean over position of the passes in one direction; the lower value of both
+    directions, because in a mean of both a delay would cancel. For a square grating the sampling in
+    cycles alone lowers it by 0.02 at 60 mm/s."""
     harmonics: tuple[Harmonic, ...]
-    """Spatial frequencies of the texture, of the mean of the passes in that direction."""
+    """Spatial frequencies of the texture, for the mean of the passes in that direction."""
 
 
 def track(
@@ -638,21 +640,21 @@ def track(
     *,
     span_mm: tuple[float, float] = (-8.0, 8.0),
 ) -> Tracking:
-    """Compare the COF of a finger that strokes with a texture.
+    """Compare the COF of a stroking finger with a texture.
 
     Parameters
     ----------
     texture
-        Over position.
+        Texture over position.
     position_mm, cof
-        Position in mm and COF of each cycle, of equal length; measured, or true ones.
+        Position in mm and COF of each cycle, measured or true, of equal length.
     span_mm
-        From where to where; a whole number of periods, away from where the finger turns.
+        First and last position in mm; a whole number of periods, away from where the finger turns.
 
     Raises
     ------
     ValueError
-        If the texture goes over time, the lengths differ, or no pass goes through all of the span.
+        If the texture goes over time, the lengths differ, or no pass covers the whole span.
     """
     if texture.over_time:
         raise ValueError("a texture over time has no place to compare")
@@ -683,7 +685,7 @@ def track(
 
 
 def _passes(places: Floats, mu: Floats, first: float, last: float) -> list[tuple[Floats, Floats]]:
-    """Return position and COF of each way through the whole span, in either direction."""
+    """Return position and COF of each pass through the whole span, in either direction."""
     inside = np.flatnonzero((places >= first) & (places <= last) & np.isfinite(mu))
     runs = np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1)
     whole = 0.9 * (last - first)
@@ -695,7 +697,7 @@ def _passes(places: Floats, mu: Floats, first: float, last: float) -> list[tuple
 
 
 def _over(grid: Floats, places: Floats, mu: Floats) -> Floats:
-    """Return the COF of a pass over places that rise."""
+    """Return the COF of a pass, interpolated at increasing positions `grid`."""
     order = np.argsort(places, kind="stable")
     return np.interp(grid, places[order], mu[order])
 

@@ -1,9 +1,8 @@
-"""Recorded runs: arrays in units, and the CSV file that keeps them.
+"""Recorded runs as arrays in physical units, and the CSV file that stores them.
 
-A trace holds the integers that came over the wire, so that a file differs from another by at least
-one digit wherever the runs differ by one bit. The arrays in units are made of them on demand. Their
-names are those of the columns of the CSV file and of the data frame, and of the channels of a
-recording.
+A trace holds the integers of the wire, so that two files differ whenever the runs differ by one
+bit. The arrays in units are computed from the integers on demand. Their names are also those of the
+columns of the CSV file and of the data frame, and of the channels of a recording.
 """
 
 from __future__ import annotations
@@ -42,16 +41,16 @@ Floats = npt.NDArray[np.float64]
 
 
 class Column(NamedTuple):
-    """A column of a trace: the wire's integer is the decimal without its point."""
+    """A column of a trace; its decimal without the point is the integer of the wire."""
 
     name: str
-    """Of the array, of the column of a file, and of the channel of a recording."""
+    """Name of the array, of the column of a file, and of the channel of a recording."""
     object: str
-    """Name of the object that is recorded."""
+    """Name of the recorded object."""
     decimals: int
     unit: str
     needs: str = ""
-    """Column in which an integer of 0 says that there is no value: NaN, an empty cell in a file."""
+    """Column whose integer 0 means that there is no value: NaN, or an empty cell in a file."""
 
 
 COLUMNS: Final = (
@@ -71,14 +70,14 @@ FORMAT: Final = "# format: SMARTTAC traces 2"
 """First line of the CSV file."""
 HEADER: Final = ("experiment", "subject", *(column.name for column in COLUMNS))
 _LATER: Final = 2
-"""How many of the columns, the last ones, files of format 1 do not have."""
+"""Number of columns, the last ones, that files of format 1 do not have."""
 _NAMES_1: Final = ("tick", "mu", "mu_ref", "W", "V", "f", "Ft", "Fn")
 _COLUMNS_1: Final = tuple(
     column._replace(name=name, decimals=column.decimals if name != "tick" else 0, needs="")
     for column, name in zip(COLUMNS, _NAMES_1, strict=False)
 )
 _HEADER_1: Final = ("experiment", "subject", *_NAMES_1)
-"""Of format 1, which had no line for it."""
+"""Header of format 1, which has no line for the format."""
 _PANELS: Final = {
     "COF": {"cof": "measured", "cof_reference": "reference"},
     "force (N)": {"normal_force_n": "normal", "tangential_force_n": "tangential"},
@@ -87,9 +86,9 @@ _PANELS: Final = {
     "frequency (Hz)": {"frequency_hz": ""},
     "position (mm)": {"position_mm": ""},
 }
-"""What a figure has below each other: lines by array, and what the legend calls them."""
+"""Panels of a figure from top to bottom: label, and for each array its name in the legend."""
 _MOST_POINTS: Final = 4000
-"""Of a line; twice what a screen has across."""
+"""Most points of a line; twice the pixels across a screen."""
 _MOST_COUNT: Final = np.iinfo(np.int64).max
 _LONGEST_LINE = 1000
 _LONGEST_LABEL = 100
@@ -97,13 +96,13 @@ _LABEL = re.compile(r"[a-z0-9_.]+")
 
 
 def require_matplotlib() -> None:
-    """Raise BenchError, before a picture is drawn or read, if matplotlib is missing."""
+    """Raise BenchError if matplotlib is missing; called before a picture is drawn or read."""
     if find_spec("matplotlib") is None:
         raise BenchError("the pictures need matplotlib: pip install 'smarttac-can[report]'")
 
 
 class _Former:
-    """A former name of an array, which still gives the integers of the wire."""
+    """A former name of an array, which still returns the integers of the wire."""
 
     def __init__(self, name: str, count: str) -> None:
         self._name = name
@@ -129,22 +128,22 @@ class Trace:
     """One run of one experiment: arrays of equal length, with a row for each tick of 1 ms.
 
     The row of tick k holds the measurement of tick k and the drive computed from it, in force
-    from tick k to tick k + 1. All arrays are read-only. `from_rows` makes one.
+    from tick k to tick k + 1. All arrays are read-only. Create a trace with `from_rows`.
 
     Raises
     ------
     ValueError
-        If the label or subject is refused, the counts are no table of integers, or the ticks do
+        If the label or subject is invalid, the counts are not a table of integers, or the ticks do
         not increase.
     """
 
     experiment: str
     """Label of the experiment, such as ``fig5.amplitude_only``: a-z, 0-9, point, underscore."""
     subject: int
-    """Number of the subject from 1; 0 where no finger takes part."""
+    """Number of the subject from 1; 0 if no finger takes part."""
     counts: Integers
-    """The integers of the wire: a row for each tick, a column for each of `COLUMNS`; without the
-    last two of a trace that was read from a file of format 1. 0 where there is no value."""
+    """The integers of the wire: a row for each tick, a column for each of `COLUMNS`. A trace from a
+    file of format 1 lacks the last two columns. 0 where there is no value."""
 
     mu = _Former("cof", "1e-4")
     mu_ref = _Former("cof_reference", "1e-4")
@@ -168,7 +167,7 @@ class Trace:
             )
         counts = counts.astype(np.int64)
         for at, column in enumerate(COLUMNS[: counts.shape[1]]):
-            # A node goes on to publish where the finger was last.
+            # Without contact a node still publishes the last position of the finger.
             counts[_integers(counts, column.needs or column.name) == 0, at] = 0
         object.__setattr__(self, "counts", _read_only(counts))
         if not np.all(np.diff(self.tick) > 0):
@@ -176,16 +175,16 @@ class Trace:
 
     @classmethod
     def from_rows(cls, experiment: str, subject: int, rows: Sequence[Sequence[int]]) -> Trace:
-        """Make a trace from rows of the integers of the wire.
+        """Create a trace from rows of the integers of the wire.
 
         Parameters
         ----------
         experiment, subject
             Labels.
         rows
-            Of tick in ms, COF and its reference in 1e-4, amplitude in 0.1 nm, voltage in 10 mV,
-            frequency in 0.01 Hz, tangential and normal force in mN; position in 0.01 mm and
-            statusword may follow.
+            Rows of tick in ms, COF and its reference in 1e-4, amplitude in 0.1 nm, voltage in
+            10 mV, frequency in 0.01 Hz, tangential and normal force in mN; optionally position in
+            0.01 mm and statusword.
         """
         if len({len(row) for row in rows}) > 1:
             raise ValueError(f"the rows of {experiment} differ in length")
@@ -195,7 +194,7 @@ class Trace:
         return len(self.counts)
 
     def __reduce__(self) -> tuple[type[Self], tuple[str, int, Integers]]:
-        # Copies of arrays could be written.
+        # A pickled copy of the arrays would be writable.
         return type(self), (self.experiment, self.subject, self.counts)
 
     def __dir__(self) -> list[str]:
@@ -216,7 +215,7 @@ class Trace:
 
     @cached_property
     def time_s(self) -> Floats:
-        """Time of each row in s of the simulation run or the node's start, not of the recording."""
+        """Time of each row in s since the start of the simulation run or of the node."""
         return self._in_unit("time_s")
 
     @property
@@ -231,7 +230,7 @@ class Trace:
 
     @cached_property
     def cof_reference(self) -> Floats:
-        """Reference of the friction loop; NaN while there is none."""
+        """Reference of the friction loop; NaN if there is none."""
         return self._in_unit("cof_reference")
 
     @cached_property
@@ -263,19 +262,19 @@ class Trace:
     def position_mm(self) -> Floats:
         """Position of the finger in mm from the middle; NaN while it does not touch.
 
-        All NaN of a trace from a file of format 1.
+        All NaN in a trace from a file of format 1.
         """
         return self._in_unit("position_mm")
 
     @cached_property
     def status(self) -> Integers:
-        """Statusword; 0 of a trace from a file of format 1."""
+        """Statusword; 0 in a trace from a file of format 1."""
         return _integers(self.counts, "status")
 
     def to_dataframe(self) -> pandas.DataFrame:
         """Return a data frame with a row for each tick, and the names of the arrays as columns.
 
-        Its `attrs` are what holds for all rows. Raises BenchError if pandas is missing.
+        Its `attrs` hold what is common to all rows. Raises BenchError if pandas is missing.
         """
         arrays = {column.name: getattr(self, column.name) for column in COLUMNS}
         return data_frame(
@@ -295,25 +294,25 @@ class Trace:
     @overload
     def plot(self, figure: _Figure) -> _Figure: ...
     def plot(self, figure: FigureBase | None = None) -> FigureBase:
-        """Draw the arrays over the time, one below another.
+        """Plot the arrays over time, in panels from top to bottom.
 
-        A notebook shows what is returned; ``trace.plot().savefig("run.png")`` writes it.
+        A notebook shows the returned figure; ``trace.plot().savefig("run.png")`` saves it.
 
         Parameters
         ----------
         figure
-            What to draw into: ``plt.figure()`` of pyplot for a window, a subfigure; a new figure,
-            off screen, if None.
+            Figure to draw into: ``plt.figure()`` of pyplot for a window, or a subfigure; if None, a
+            new figure without a window.
 
         Raises
         ------
         BenchError
             If matplotlib is missing, the extra ``report``.
         ValueError
-            If `figure` is no figure.
+            If `figure` is not a figure.
         """
         require_matplotlib()
-        # Who records needs no pictures.
+        # Loaded here because recording needs no figures.
         from smarttac_can.bench.drawing import INK, RED, drawn_into  # noqa: PLC0415
 
         panels = {
@@ -342,9 +341,9 @@ class Trace:
         return bool(np.isnan(getattr(self, name)).all())
 
     def _line(self, values: Floats) -> tuple[Floats, Floats]:
-        """Return times and values of a line, which is broken where ticks are missing.
+        """Return times and values of a line, with NaN where ticks are missing.
 
-        Of a long one the least and the greatest value of equal parts are left, which look the same.
+        A long line is reduced to the minimum and maximum of equal parts, which looks the same.
         """
         rows, points = np.arange(len(self)), [values]
         if len(self) > _MOST_POINTS:
@@ -359,7 +358,7 @@ class Trace:
         )
 
     def _repr_html_(self) -> str:
-        """Return a table of what is in the arrays, for a notebook."""
+        """Return a table of the statistics of the arrays, for a notebook."""
         rows = [_summary(column, getattr(self, column.name)) for column in COLUMNS[:-1]]
         head = ("", "unit", "least", "median", "greatest", "rows without")
         table = [f"<tr>{''.join(f'<th>{text}</th>' for text in head)}</tr>"]
@@ -380,7 +379,7 @@ class Trace:
         column, counts = COLUMNS[at], _integers(self.counts, name)
         if at >= self.counts.shape[1]:
             return _read_only(np.full(len(self), np.nan))
-        # The same floats as of a decimal in the file that is read by anybody.
+        # These are the floats that any reader gets from the decimals in the file.
         values = np.asarray(counts / 10**column.decimals, dtype=np.float64)
         if column.needs:
             values[_integers(self.counts, column.needs) == 0] = np.nan
@@ -388,7 +387,7 @@ class Trace:
 
 
 def _summary(column: Column, values: Floats) -> tuple[str, ...]:
-    """Return name, unit, least, median and greatest value, and how many rows have none."""
+    """Return name, unit, minimum, median and maximum, and the number of rows without a value."""
     found = values[~np.isnan(values)]
     numbers = (found.min(), np.median(found), found.max()) if len(found) else ()
     texts = [f"{number:.{column.decimals}f}" for number in numbers] or ["-"] * 3
@@ -396,7 +395,7 @@ def _summary(column: Column, values: Floats) -> tuple[str, ...]:
 
 
 def data_frame(arrays: dict[str, Any], attrs: dict[str, Any]) -> pandas.DataFrame:
-    """Return a data frame of arrays by name; BenchError if pandas is missing."""
+    """Return a data frame of arrays by name; raise BenchError if pandas is missing."""
     try:
         import pandas  # noqa: PLC0415 - slow, and not needed otherwise
     except ImportError as error:
@@ -412,8 +411,8 @@ def require_labels(experiment: str, subject: int) -> None:
     Raises
     ------
     ValueError
-        If the experiment is not 1 to 100 of a-z, 0-9, point and underscore, or the subject is no
-        integer of 0 or more.
+        If the experiment is not 1 to 100 of a-z, 0-9, point and underscore, or the subject is not
+        an integer of 0 or more.
     """
     if not (isinstance(experiment, str) and _LABEL.fullmatch(experiment)):
         raise ValueError(f"experiment {experiment!r} is not made of a-z 0-9 . _")
@@ -427,18 +426,19 @@ def require_labels(experiment: str, subject: int) -> None:
 
 @in_words()
 def write_csv(path: Path | str, traces: Trace | Iterable[Trace]) -> None:
-    r"""Write a trace, or several, as exact decimals, one row a tick, lines ending in ``\n``.
+    r"""Write one or more traces as exact decimals, one row per tick, lines ending in ``\n``.
 
     The first line is a comment with the format, the second has the names of the columns. A cell is
-    empty where there is no value, as of the COF without contact. The same traces make the same
-    bytes. An older file is replaced when all is written.
+    empty where there is no value, for example the COF without contact. The same traces give the
+    same bytes. An existing file is replaced once everything is written.
 
     Raises
     ------
     ValueError
-        If one is no trace, or two bear the same experiment and subject, before anything is written.
+        If an element is not a trace, or two have the same experiment and subject; nothing is
+        written then.
     OSError
-        If it cannot be written, as on a full disk.
+        If the file cannot be written, for example on a full disk.
     """
     traces = [traces] if isinstance(traces, Trace) else list(traces)
     for trace in traces:
@@ -460,19 +460,20 @@ def write_csv(path: Path | str, traces: Trace | Iterable[Trace]) -> None:
 def read_csv(path: Path | str) -> list[Trace]:
     """Read the traces of a file written by `write_csv`, exactly as they were.
 
-    Files of format 1, of version 0.1.0 and before, have neither position nor status.
+    Files of format 1 (version 0.1.0 and before) have neither position nor status.
 
     Raises
     ------
     ValueError
-        If the header, a number or a label is not as `write_csv` writes it; names file and line.
+        If the header, a number or a label is not as `write_csv` writes it; the message names file
+        and line.
     OSError
-        If it is no regular file, or cannot be read.
+        If the file is not a regular file, or cannot be read.
     """
-    # What is no ASCII is named with its line, as what is no number.
+    # A character that is not ASCII is reported with its line, like an invalid number.
     file = open_regular(Path(path))
     with TextIOWrapper(file, encoding="utf-8-sig", errors="backslashreplace", newline="") as text:
-        # A line that is too long is none of a trace, and is not read as a whole.
+        # A longer line does not belong to a trace, and is not read as a whole.
         lines = iter(lambda: text.readline(_LONGEST_LINE), "")
         try:
             return [
@@ -491,7 +492,7 @@ def sha256(path: Path | str) -> str:
 
 
 def _integers(counts: Integers, name: str) -> Integers:
-    """Return the column of an array; 0 where the file had no such column."""
+    """Return the column of an array; zeros if the file has no such column."""
     at = [column.name for column in COLUMNS].index(name)
     if at < counts.shape[1]:
         return counts[:, at]
@@ -504,7 +505,7 @@ def _read_only(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def _cells(counts: Integers, column: Column) -> list[str]:
-    """Write a column as decimals with the point so many digits from the right, no float."""
+    """Return a column as decimals, by shifting the decimal point, without floats."""
     at = COLUMNS.index(column)
     if at >= counts.shape[1]:
         return [""] * len(counts)
@@ -518,7 +519,7 @@ def _cells(counts: Integers, column: Column) -> list[str]:
 
 
 def _rows(lines: Iterator[str]) -> Iterator[tuple[str, str, list[int]]]:
-    """Yield (experiment, subject, scaled integers) for each line after the header."""
+    """Yield (experiment, subject, integers of the wire) for each line after the header."""
     first = next(lines, "")
     known = first.rstrip() == FORMAT
     columns, header = (COLUMNS, HEADER) if known else (_COLUMNS_1, _HEADER_1)
@@ -538,7 +539,7 @@ def _rows(lines: Iterator[str]) -> Iterator[tuple[str, str, list[int]]]:
             raise ValueError(f"line {line} has {len(fields)} of {len(header)} fields")
         experiment, subject, *texts = fields
         if known and texts[-_LATER:] == [""] * _LATER:
-            # Of a trace that came from a file of format 1.
+            # The trace came from a file of format 1.
             del texts[-_LATER:]
         for column, pattern, text in zip(columns, number, texts, strict=False):
             if not (pattern.fullmatch(text) or (column.needs and not text)):

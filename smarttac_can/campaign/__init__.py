@@ -1,4 +1,4 @@
-"""Campaigns: a population of fingers run by several workers, kept, summed up and drawn."""
+"""Campaigns: run a population of fingers on several workers; store, summarise and plot it."""
 
 from smarttac_can.campaign.runner import run_campaign
 from smarttac_can.campaign.summary import summary

@@ -1,8 +1,8 @@
-"""A campaign from its first finger to its last: shared by workers, and kept on the way.
+"""Run of a campaign: distribute fingers to workers, and store the results.
 
-What is kept is a file with the chunks that were run; what was interrupted goes on from there. A
-line of JSON says which campaign it is, then there is one for each chunk, with a check sum. Rows
-are written so that they come back to the bit.
+The results are stored in a file, so that an interrupted campaign can go on. The first line of JSON
+identifies the campaign. A line for each finished chunk follows, with a checksum. Rows are written
+so that reading restores every bit.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ Rows = NDArray[np.float64]
 """A row a finger: the true figures, the measured ones, and how long it ran in s."""
 COLUMNS: Final = (*Figures._fields, *(f"measured_{name}" for name in Figures._fields), "seconds")
 SIZE: Final = 25
-"""Fingers of a chunk: a quarter of a second compiled, so that a stop does not wait long."""
+"""Fingers of a chunk: 0.25 s when compiled, so that a stop does not wait long."""
 _compiling = Lock()
 
 
 def parameters(campaign: Campaign) -> dict[str, Any]:
-    """Return what all fingers have in common, for JSON."""
+    """Return the parameters that all fingers share, for JSON."""
     return {
         "seed": campaign.seed,
         "law": campaign.law.name.lower(),
@@ -49,7 +49,7 @@ def parameters(campaign: Campaign) -> dict[str, Any]:
 
 
 def prepare() -> float:
-    """Compile what can be, once in a process; return how long that took in s."""
+    """Compile the loop if possible, once per process; return the duration in s."""
     begin = perf_counter()
     with _compiling:
         outcome_of(Campaign(), 0)
@@ -62,8 +62,8 @@ def run_chunk(campaign: Campaign, numbers: range, compiled: bool) -> tuple[range
     Raises
     ------
     RuntimeError
-        If this process does not compile where the others do, or the other way round: the last bits
-        would depend on who does the work.
+        If this process can compile and the others cannot, or the other way round: the last bits
+        would depend on the worker.
     """
     if can_compile() != compiled:
         raise RuntimeError(f"a worker {'lacks' if compiled else 'has'} numba, unlike this process")
@@ -75,7 +75,7 @@ def run_chunk(campaign: Campaign, numbers: range, compiled: bool) -> tuple[range
 
 
 def chunks_of(missing: NDArray[np.intp]) -> list[range]:
-    """Divide rising numbers of fingers into chunks of neighbours."""
+    """Divide increasing numbers of fingers into chunks of consecutive ones."""
     chunks = []
     for stretch in np.split(missing, np.flatnonzero(np.diff(missing) != 1) + 1):
         if len(stretch):
@@ -89,7 +89,7 @@ _FINGERS_MAX: Final = 1 << 32
 
 
 class RecordError(Exception):
-    """A file that is damaged, or of another campaign, in one line."""
+    """A file is damaged, or of another campaign; the message is one line."""
 
 
 @dataclass(slots=True)
@@ -100,21 +100,21 @@ class _Chunk:
 
 
 class Record:
-    """The file of one campaign, open to be added to.
+    """The file of one campaign, open for appending.
 
     Parameters
     ----------
     path
-        The file; it is made if there is none.
+        Path of the file; created if it does not exist.
     campaign
-        Which has to be the one in the file.
+        Campaign, which must be that of the file.
 
     Raises
     ------
     RecordError
-        If the file is damaged or of another campaign. A last line that was not finished is none.
+        If the file is damaged or of another campaign. An unfinished last line is ignored.
     OSError
-        If it cannot be read or written.
+        If the file cannot be read or written.
     """
 
     def __init__(self, path: Path, campaign: Campaign) -> None:
@@ -137,12 +137,12 @@ class Record:
         self._file.close()
 
     def fill(self, rows: Rows) -> set[bool]:
-        """Put what was run into the rows of all fingers; of more than these there may be some.
+        """Copy the stored results into the rows of all fingers; further ones are ignored.
 
         Returns
         -------
         set of bool
-            Whether the fingers were run by compiled code; both if some were.
+            Whether the fingers were run by compiled code; both values if only some were.
         """
         compiled = set()
         for chunk in self._chunks:
@@ -154,7 +154,7 @@ class Record:
         return compiled
 
     def add(self, numbers: range, rows: Rows) -> None:
-        """Keep a chunk that this process, or one like it, has run."""
+        """Store a chunk that this process, or an equal one, has run."""
         crc = _crc(numbers.start, rows)
         chunk = {"first": numbers.start, "compiled": can_compile(), "rows": rows.tolist()}
         self._write({**chunk, "crc": crc})
@@ -164,12 +164,13 @@ class Record:
         self._file.flush()
 
     def _read(self, header: dict[str, Any]) -> int:
-        """Read all chunks; return where the last whole line ends."""
+        """Read all chunks; return the offset after the last complete line."""
         end = 0
         compiled = False
         for number, line in enumerate(self._lines(), 1):
             if not line.endswith(b"\n") and len(line) < _LINE_MAX:
-                # What was torn while it began is the begin of its header, and not another's file.
+                # An unfinished first line must be the beginning of this header, not of another
+                # file.
                 if number == 1 and not _line(header).startswith(line):
                     raise RecordError(f"{self._path}: is no file of a campaign")
                 break
@@ -206,23 +207,23 @@ def _line(content: dict[str, Any]) -> bytes:
 
 
 def _header(campaign: Campaign) -> dict[str, Any]:
-    """Return what the rows depend on.
+    """Return the parameters on which the rows depend.
 
-    Whether they were compiled is not a part of it: that changes at most the last bits, and somebody
-    who installs numba half-way goes on with what he has.
+    Compilation is not one of them: it changes at most the last bits. So a campaign can go on after
+    numba was installed.
     """
     return {"campaign": __version__, **parameters(campaign)}
 
 
 def _chunk(content: Any, compiled: bool) -> _Chunk:
-    """Return a chunk that was read; ValueError if it is none.
+    """Return a chunk that was read; raise ValueError if it is invalid.
 
     Parameters
     ----------
     content
-        The line.
+        Content of the line.
     compiled
-        What applies to a chunk without it: older files have it in the header only.
+        Value for a chunk without its own, as older files have it only in the header.
     """
     try:
         compiled = content.get("compiled", compiled)
@@ -246,26 +247,26 @@ def _crc(first: int, rows: Rows) -> int:
 
 
 PATIENCE_S: Final = 10
-"""Longest wait for a scheduler."""
+"""Longest wait for a scheduler in s."""
 _AHEAD_OF_THREADS: Final = 4
-"""Chunks for each thread of the cluster that are under way."""
+"""Submitted chunks for each thread of the cluster."""
 
 
 class ClusterError(Exception):
-    """A cluster that cannot be had, or that failed, in one line."""
+    """A cluster is not available, or has failed; the message is one line."""
 
 
 def on_cluster(
     campaign: Campaign, chunks: list[range], address: str, compiled: bool
 ) -> Generator[tuple[range, Rows], None, None]:
-    """Run chunks on a cluster; yield each when it is there.
+    """Run chunks on a cluster; yield each when it is finished.
 
     Parameters
     ----------
     campaign, chunks, compiled
         As for `run_chunk`.
     address
-        Of the scheduler, such as ``tcp://10.0.0.1:8786``.
+        Address of the scheduler, such as ``tcp://10.0.0.1:8786``.
 
     Raises
     ------
@@ -276,7 +277,7 @@ def on_cluster(
         raise ClusterError("a cluster needs Dask: pip install 'smarttac-can[dask]'")
     distributed = import_module("distributed")
     try:
-        # A client that takes the address for none leaves a complaint behind.
+        # Checked first, because a client with an invalid address leaves a complaint behind.
         distributed.comm.resolve_address(address)
         client = distributed.Client(address, timeout=PATIENCE_S, set_as_default=False)
     except (OSError, ValueError) as error:
@@ -301,22 +302,22 @@ def on_cluster(
 
 
 _AHEAD: Final = 2
-"""Chunks for each worker that are under way."""
+"""Submitted chunks for each worker."""
 Progress = Callable[[float], None]
 
 
 class Result(NamedTuple):
-    """What a campaign gave, and what it took."""
+    """Rows of a campaign, and the time that they took."""
 
     rows: Rows
-    """A row a finger, by their numbers; columns as in `COLUMNS`."""
+    """A row per finger, by number; columns as in `COLUMNS`."""
     ran_s: float
-    """Time in s that the fingers of this run have stroked."""
+    """Simulated time in s of the fingers of this run."""
     wall_s: float
-    """How long that took in s, without compiling."""
+    """Real time in s for that, without compiling."""
     compile_s: float
     compiled: bool | None
-    """Whether compiled code has run the fingers; None if it was some of them."""
+    """Whether compiled code has run the fingers; None if it has run only some of them."""
 
 
 def run_campaign(
@@ -328,31 +329,31 @@ def run_campaign(
     record: Record | None = None,
     progress: Progress | None = None,
 ) -> Result:
-    """Run the fingers 0, 1, ... of a campaign; the rows do not depend on who does the work.
+    """Run the fingers 0, 1, ... of a campaign; the rows do not depend on the workers.
 
     Parameters
     ----------
     campaign
-        What they have in common.
+        Parameters that all fingers share.
     fingers
-        How many, 1 or more.
+        Number of fingers, 1 or more.
     workers
-        Threads that share the work; compiled code lets them.
+        Number of threads; compiled code runs in parallel.
     cluster
-        Address of a Dask scheduler whose workers do it instead.
+        Address of a Dask scheduler whose workers run the fingers instead.
     record
-        What was run before, and where what is run now is kept.
+        File with earlier results, to which the new ones are added.
     progress
-        Called with the share that is done, 0..1.
+        Function called with the fraction that is done, 0..1.
 
     Raises
     ------
     ClusterError
-        If the cluster cannot be had, or fails.
+        If the cluster is not available, or fails.
     """
     rows = np.full((fingers, len(COLUMNS)), np.nan)
     ways = set() if record is None else record.fill(rows)
-    # A finger that ran has run for some time.
+    # The time of a finger that has run is not NaN.
     missing = np.flatnonzero(np.isnan(rows[:, -1]))
     chunks, left, ran_s = chunks_of(missing), len(missing), 0.0
     compiled = can_compile()
@@ -381,7 +382,7 @@ def run_campaign(
 def _in_threads(
     campaign: Campaign, chunks: list[range], workers: int, compiled: bool
 ) -> Generator[tuple[range, Rows], None, None]:
-    """Run chunks in threads; yield each when it is there, and begin no other one when closed."""
+    """Run chunks in threads; yield each when it is finished; when closed, start no other one."""
     with ThreadPoolExecutor(workers) as pool:
         waiting = iter(chunks)
         pending: set[Future[tuple[range, Rows]]] = set()

@@ -1,4 +1,4 @@
-"""What the rows of a campaign say together: data for JSON, lines, and a picture of all fingers."""
+"""Summary of the rows of a campaign: data for JSON, lines, and a figure of all fingers."""
 
 from __future__ import annotations
 

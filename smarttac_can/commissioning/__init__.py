@@ -1,4 +1,4 @@
-"""Before there is a loop: who is on the bus, node-IDs, DCF, DBC, defaults of an EDS."""
+"""Commissioning of devices: scan of the bus, node-IDs, DCF, DBC, comparison with an EDS."""
 
 from __future__ import annotations
 

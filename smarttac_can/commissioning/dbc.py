@@ -1,4 +1,4 @@
-"""The default PDOs of an EDS as a DBC, the format of bus analysers. Needs cantools."""
+"""DBC, the format of bus analysers, from the default PDOs of an EDS. Needs cantools."""
 
 from __future__ import annotations
 
@@ -20,39 +20,39 @@ from smarttac_can.od.entry import Entry
 
 
 class Bits(Protocol):
-    """Some bits of an object that mean something of their own."""
+    """Bits of an object that have a meaning of their own."""
 
     @property
     def name(self) -> str:
-        """Name beside that of the object; empty for all of the object."""
+        """Name that is appended to that of the object; empty for the whole object."""
 
     @property
     def start(self) -> int:
-        """Lowest of the bits, counted from 0."""
+        """Number of the lowest bit, from 0."""
 
     @property
     def length(self) -> int:
-        """Number of the bits."""
+        """Number of bits."""
 
     @property
     def values(self) -> Mapping[int, str]:
-        """What the values are called; empty for numbers and flags."""
+        """Names of the values; empty for numbers and flags."""
 
 
 class Names(NamedTuple):
-    """What the numbers of a device are called."""
+    """Names for the numbers of a device."""
 
     fields: Mapping[str, Sequence[Bits]] = {}
-    """By the name of the object; bits that none of its fields has are left out of the DBC."""
+    """Fields by the name of the object; bits in no field of it are omitted from the DBC."""
     emergencies: Mapping[int, str] = {}
-    """By emergency error code."""
+    """Names by emergency error code."""
 
 
 NO_NAMES: Final = Names()
 
 
 def make_dbc(od: ObjectDictionary, names: Names = NO_NAMES) -> str:
-    """Write a DBC of the PDOs that are valid by default, of EMCY and of the heartbeat.
+    """Return a DBC of the PDOs that are valid by default, of EMCY and of the heartbeat.
 
     A message is named after product, node-ID and PDO, a signal after its object. Scale and unit
     come from the brackets at the end of the parameter names.
@@ -60,15 +60,14 @@ def make_dbc(od: ObjectDictionary, names: Names = NO_NAMES) -> str:
     Parameters
     ----------
     od
-        The EDS, loaded for the device's node-ID.
+        Object dictionary from the EDS, loaded for the device's node-ID.
     names
-        What becomes value names, and signals of their own.
+        Names of values, and of bits that become separate signals.
 
     Raises
     ------
     ValueError
-        A default mapping is not to be read: it names objects that do not exist, or more than
-        64 bits.
+        If a default mapping is invalid: it names objects that do not exist, or more than 64 bits.
     """
     product = od.info.get("productname") or "device"
     node = identifier(f"{product}_{od.node_id}")
@@ -81,12 +80,12 @@ def make_dbc(od: ObjectDictionary, names: Names = NO_NAMES) -> str:
     database = Database(
         messages=messages, nodes=[Node(node, comment=f"{product}, node-ID {od.node_id}")]
     )
-    # cantools writes the line ends of Windows, as the format's first tools did.
+    # cantools writes the line ends of Windows, as the first tools for the format did.
     return database.as_dbc_string().replace("\r\n", "\n")
 
 
 def identifier(name: str) -> str:
-    """Return a name with all that a DBC does not take in names replaced."""
+    """Return a name with all characters replaced that a DBC does not allow."""
     made = re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_")
     return made if made[:1].isalpha() else f"_{made}"
 
@@ -118,7 +117,7 @@ def _pdos(
 def _places(
     od: ObjectDictionary, mapped: int, where: str
 ) -> Iterator[tuple[Entry | None, int, int]]:
-    """Yield entry, first bit and length of all that a PDO maps; None for a dummy."""
+    """Yield entry, first bit and length of each mapped object; the entry is None for a dummy."""
     start = 0
     for position in range(1, od.number(mapped) + 1):
         value = od.number(mapped, position)
@@ -181,7 +180,7 @@ def _signal(entry: Entry, name: str, start: int, bits: int, receivers: list[str]
 
 
 def _scaled(raw: float, size: Decimal) -> float:
-    """Scale a limit without the rounding of binary fractions; a whole number stays one."""
+    """Scale a limit without the rounding of binary fractions; keep a whole number as int."""
     value = Decimal(raw) * size
     return int(value) if value == value.to_integral_value() else float(value)
 

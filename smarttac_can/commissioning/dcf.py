@@ -21,22 +21,22 @@ from smarttac_can.od.units import Quantity
 
 
 def require_kept(entry: Entry, raw: int, given: str) -> None:
-    """Refuse a quantity of which rounding leaves nothing.
+    """Refuse a quantity that is not 0 but would be rounded to 0.
 
     Parameters
     ----------
     entry
-        Object that it is for.
+        Object for the quantity.
     raw
-        What it is rounded to.
+        Rounded raw value.
     given
-        Such as ``80 V``.
+        Quantity with a unit, such as ``80 V``.
 
     Raises
     ------
     ValueError
-        If it is not 0, and 0 would go over the wire; names it and the step of the object, or the
-        lowest value if it is below that.
+        If the quantity is not 0, and `raw` is. The message names it and the step of the object, or
+        the lowest value if the quantity is below that.
     """
     quantity = Quantity.parse(given)
     if raw == 0 and quantity.number:
@@ -48,9 +48,9 @@ def require_kept(entry: Entry, raw: int, given: str) -> None:
 
 
 _BIT_RATES: Final = (10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
-"""Bit rates in bit/s that an EDS can speak of."""
+"""Bit rates in bit/s for which an EDS has a key."""
 COMMISSIONING: Final = "DeviceComissioning"
-"""Name of the section; the standard spells it so."""
+"""Name of the section, with the spelling of the standard."""
 
 _SECTION: Final = re.compile(r"^([0-9a-f]{4})(?:sub([0-9a-f]{1,2}))?$", re.IGNORECASE)
 
@@ -68,22 +68,22 @@ def make_dcf(
     dcf_name: str,
     now: datetime,
 ) -> str:
-    """Fill in an EDS for one device.
+    """Return a DCF: an EDS completed for one device.
 
-    Besides the values given, every default with ``$NODEID`` gets its number as ParameterValue, so
-    that who reads the file needs no formula.
+    Besides the given values, every default with ``$NODEID`` gets its number as ParameterValue, so
+    that readers of the file need not compute it.
 
     Parameters
     ----------
     text
-        The EDS, or a DCF to change.
+        Text of the EDS, or of a DCF to change.
     node_id
         Node-ID, 1..127.
     bit_rate
-        Bit rate in bit/s, one the EDS says the device has.
+        Bit rate in bit/s, one of those that the EDS lists for the device.
     values
-        By name (``Setpoint.Voltage``) or section (``1017``, ``2010sub1``): raw values as an EDS
-        writes them, or quantities with a unit, such as ``80 V``.
+        Values by name (``Setpoint.Voltage``) or section (``1017``, ``2010sub1``): raw values as
+        in an EDS, or quantities with a unit, such as ``80 V``.
     eds_name, dcf_name
         File names for ``[FileInfo]``.
     now
@@ -92,10 +92,10 @@ def make_dcf(
     Raises
     ------
     EDSError
-        The EDS cannot be interpreted.
+        If the EDS cannot be interpreted.
     ValueError
-        There is no such object, it takes no value or not this one, or the EDS knows no such
-        bit rate.
+        If an object does not exist, has no value or refuses this one, or the EDS does not list
+        the bit rate.
     """
     od = load_eds(text, node_id)
     known = [rate for rate in _BIT_RATES if od.info.get(f"baudrate_{rate // 1000}") == "1"]
@@ -131,7 +131,7 @@ def make_dcf(
 
 
 def _parsed(text: str) -> ConfigParser:
-    # Not strict: some tools write a section in two parts.
+    # Not strict, because some tools write a section in two parts.
     file = ConfigParser(
         delimiters=("=",),
         comment_prefixes=(";",),
@@ -141,7 +141,7 @@ def _parsed(text: str) -> ConfigParser:
     )
     file.optionxform = str  # type: ignore[assignment,method-assign]  # keep the case of keys
     try:
-        # Stripped, because an indented line would continue the one before.
+        # Stripped, because an indented line would continue the line before.
         file.read_string("\n".join(line.strip() for line in text.splitlines()))
     except ConfigError as error:
         raise EDSError(str(error).splitlines()[0]) from error
@@ -149,7 +149,7 @@ def _parsed(text: str) -> ConfigParser:
 
 
 def _section(file: ConfigParser, name: str) -> SectionProxy:
-    """Find a section by its name in any case, or make it."""
+    """Return a section by its name, ignoring case; create it if it is missing."""
     for section in file.sections():
         if section.lower() == name.lower():
             return file[section]
@@ -158,7 +158,7 @@ def _section(file: ConfigParser, name: str) -> SectionProxy:
 
 
 def _put(section: SectionProxy, key: str, value: str) -> None:
-    """Set a key under the spelling it already has."""
+    """Set a key, in the spelling that it already has."""
     section[next((k for k in section if k.lower() == key.lower()), key)] = value
 
 
@@ -167,7 +167,7 @@ def _lowered(section: SectionProxy) -> dict[str, str]:
 
 
 def _resolve_node_id(file: ConfigParser, od: ObjectDictionary) -> None:
-    """Write the numbers of the formulas, but keep what somebody has configured otherwise."""
+    """Replace formulas with ``$NODEID`` by numbers, but keep values configured differently."""
     before = _lowered(_section(file, COMMISSIONING)).get("nodeid", "")
     for name in file.sections():
         found = _SECTION.match(name)
@@ -207,7 +207,7 @@ def _find(od: ObjectDictionary, name: str) -> Entry:
 
 
 def _raw(entry: Entry, text: str) -> str:
-    """Return what an EDS writes for a quantity with a unit; a raw value as it is."""
+    """Return the raw value as in an EDS for a quantity with a unit; a raw value unchanged."""
     if not text or "$" in text or not isinstance(entry.default, int):
         return text
     with suppress(EDSError):
@@ -226,7 +226,7 @@ def _raw(entry: Entry, text: str) -> str:
 
 
 def _perhaps(entry: Entry, text: str) -> str:
-    """Say what a text may be meant for: with a decimal point, or a unit that is spelt so."""
+    """Return a guess at the meaning: with a decimal point, or with a similar unit; else ""."""
     found = _NUMBER_AND_UNIT.fullmatch(text)
     if found is None or not found[2]:
         return ""
@@ -235,7 +235,7 @@ def _perhaps(entry: Entry, text: str) -> str:
         guess = f"{found[1].replace(',', '.')} {units[near]}"
         with suppress(ValueError):
             counts = entry.counts(guess)
-            # What would be rounded to nothing is not meant.
+            # A guess that would be rounded to 0 is not useful.
             if counts and entry.low <= counts <= entry.high:
                 return f"; perhaps {guess!r}"
     return ""
@@ -252,7 +252,7 @@ def _units(entry: Entry) -> Iterator[str]:
 
 
 def _check(entry: Entry, text: str, node_id: int, given: str) -> None:
-    """Refuse a raw value, and say its bounds raw and in the unit of the object."""
+    """Refuse an invalid raw value, with its bounds as raw values and in the unit of the object."""
     if not entry.writable:
         raise ValueError(f"{entry.name} is {entry.access}: it takes no value")
     if not text:
@@ -265,7 +265,7 @@ def _check(entry: Entry, text: str, node_id: int, given: str) -> None:
     except EDSError:
         if "$" in text or not isinstance(entry.default, int):
             raise
-        # Outside of its type, and so of its bounds.
+        # The value is outside the range of its type, and so outside its bounds.
         value = parse_integer(text.replace(" ", ""), where)
     if isinstance(value, int | float) and not entry.low <= value <= entry.high:
         raise ValueError(_outside(entry, value, given, with_unit=given != text))

@@ -1,4 +1,4 @@
-"""Node-IDs for devices that are found by their identity: a master of LSS (CiA 305)."""
+"""Node-IDs for devices that are addressed by their identity, by LSS (CiA 305)."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from smarttac_can.od.cia import (
 )
 
 _FASTSCAN_S: Final = 0.1
-"""How long silence lasts that is an answer of fastscan; half of its 132 questions get none."""
+"""Time in s without an answer that counts as no; half of the 132 questions of fastscan get none."""
 _MOST_UNCONFIGURED: Final = 127
 _POLL_S: Final = 0.01
 
 
 class Identity(NamedTuple):
-    """The four numbers that no two devices share: object Identity of a device."""
+    """The four numbers of the object Identity, which are unique for each device."""
 
     vendor: int
     product: int
@@ -38,24 +38,24 @@ class Identity(NamedTuple):
     serial: int
 
     def __str__(self) -> str:
-        """Return it as the commands take it."""
+        """Return the identity in the form of the commands."""
         return ":".join(f"{number:08X}" for number in self)
 
 
 class Assigned(NamedTuple):
-    """A device that has got its node-ID."""
+    """Result of assigning a node-ID to a device."""
 
     identity: Identity
     previous: int | None
-    """Node-ID it had; None for a device that had none."""
+    """Node-ID before; None if the device had none."""
     booted: bool
-    """Whether its boot-up message with the new node-ID was heard."""
+    """Whether the boot-up message with the new node-ID was received."""
 
 
 def unconfigured(network: canopen.Network) -> Iterator[Identity]:
-    """Find the devices without node-ID, one after the other, by fastscan.
+    """Find devices without node-ID, one after the other, by fastscan.
 
-    A device that was found keeps silent until the scan has ended.
+    A device that was found does not answer until the scan has ended.
     """
     with _waiting_afterwards(network):
         for _ in range(_MOST_UNCONFIGURED):
@@ -74,31 +74,31 @@ def assign_node_id(
     timeout: float,
     force: bool = False,
 ) -> Assigned:
-    """Give a device its node-ID and have it start with that.
+    """Assign a node-ID to a device and let it start with that.
 
-    Unless forced, it waits first whether another device answers with that node-ID.
+    Unless forced, it first checks whether another device answers with that node-ID.
 
     Parameters
     ----------
     network
         Connected network of python-canopen.
     node_id
-        The new node-ID, 1..127.
+        New node-ID, 1..127.
     identity
-        Which device; None for the first one without node-ID that fastscan finds.
+        Identity of the device; None for the first one without node-ID that fastscan finds.
     store
-        Whether the device keeps the node-ID over a power cut.
+        Whether the device stores the node-ID permanently.
     timeout
-        Longest wait for an answer, and for the boot-up, in s.
+        Longest wait for an answer, and for the boot-up message, in s.
     force
-        Whether the node-ID may be in use.
+        Whether to skip the check that the node-ID is free.
 
     Raises
     ------
     NodeNotFoundError
         If no such device answers.
     RefusedError
-        If the node-ID is in use, or the device does not take it, or cannot store it.
+        If the node-ID is in use, or the device does not accept or store it.
     """
     master = network.lss
     booted: list[bytes] = []
@@ -122,7 +122,7 @@ def assign_node_id(
                 master.store_configuration()
     previous = present if 1 <= present <= LAST_NODE_ID else None
     if previous is not None:
-        # Only a reset makes a device that has started already take another node-ID.
+        # A device that has already started accepts another node-ID only by a reset.
         network.send_message(NMT_ID, [NMTCommand.RESET_COMMUNICATION, previous])
     wait_until(lambda: BOOT_UP in booted, timeout)
     network.unsubscribe(HEARTBEAT_ID + node_id)
@@ -130,7 +130,7 @@ def assign_node_id(
 
 
 def _require_unused(network: canopen.Network, node_id: int, timeout: float) -> None:
-    """Refuse a node-ID with which a device answers SDO or node guarding, or is heard."""
+    """Refuse a node-ID if a device with it sends a frame, or answers SDO or node guarding."""
     heard: list[int] = []
 
     def hear(can_id: int, _data: bytearray, _timestamp: float) -> None:
@@ -142,7 +142,7 @@ def _require_unused(network: canopen.Network, node_id: int, timeout: float) -> N
     try:
         request = bytes((0x40, DEVICE_TYPE & 0xFF, DEVICE_TYPE >> 8, 0, 0, 0, 0, 0))
         network.send_message(SDO_RX_ID + node_id, request)
-        # A stopped device answers no SDO, and may have no heartbeat.
+        # A stopped device does not answer SDO, and may send no heartbeat.
         network.send_message(HEARTBEAT_ID + node_id, b"", remote=True)
         wait_until(lambda: bool(heard), timeout)
     finally:
@@ -156,7 +156,7 @@ def _require_unused(network: canopen.Network, node_id: int, timeout: float) -> N
 
 
 def wait_until(come: Callable[[], bool], seconds: float) -> None:
-    """Wait until something that frames bring has come, so many s at most."""
+    """Wait until `come` returns True, for at most `seconds` s."""
     end = monotonic() + seconds
     while not come() and monotonic() < end:
         sleep(_POLL_S)
@@ -170,7 +170,7 @@ def _fast_scan(network: canopen.Network) -> Identity | None:
 
 def _select(network: canopen.Network, identity: Identity, timeout: float) -> None:
     network.lss.RESPONSE_TIMEOUT = timeout
-    # Whoever is still selected from before would be configured along with it.
+    # Otherwise a device that is still selected would be configured as well.
     network.lss.send_switch_state_global(lss.LssMaster.WAITING_STATE)
     try:
         selected = network.lss.send_switch_state_selective(*identity)

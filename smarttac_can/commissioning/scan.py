@@ -1,4 +1,4 @@
-"""Who is on a bus, whether a device reads as its EDS says, and a DCF written to it."""
+"""Scan of a bus, comparison of a device with its EDS, and download of a DCF."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ STATES: Final[dict[int, str]] = {
     NMTState.OPERATIONAL: "operational",
     NMTState.PRE_OPERATIONAL: "pre-operational",
 }
-"""What a heartbeat says."""
+"""Texts of the NMT states in a heartbeat."""
 UNKNOWN: Final = "unknown"
 UNCONFIGURED: Final = "unconfigured"
 
@@ -58,16 +58,16 @@ _HEARTBEATS_WAITED: Final = 1.5
 
 
 class FoundDevice(NamedTuple):
-    """A device on the bus, as far as it tells."""
+    """A device on the bus, as far as it is known."""
 
     node_id: int | None
-    """None for a device without node-ID, which LSS has found."""
+    """Node-ID; None for a device without one, found by LSS."""
     state: str
-    """NMT state by heartbeat or node guarding, or `UNKNOWN`, or `UNCONFIGURED`."""
+    """NMT state from heartbeat or node guarding, or `UNKNOWN`, or `UNCONFIGURED`."""
     name: str
     identity: Identity | None
     eds: str
-    """Name of the EDS that describes it; empty if none of those given does."""
+    """Name of the EDS that describes the device; empty if there is none."""
     doubled: bool = False
     """Whether more than one device has answered for the node-ID."""
 
@@ -75,21 +75,21 @@ class FoundDevice(NamedTuple):
 def scan(
     network: canopen.Network, eds_files: Mapping[str, ObjectDictionary], timeout: float
 ) -> list[FoundDevice]:
-    """Find all devices: those that answer SDO, are heard, or have no node-ID.
+    """Find all devices: with an answer to SDO, with a heartbeat, or without node-ID.
 
     Parameters
     ----------
     network
         Connected network of python-canopen.
     eds_files
-        The EDS files to compare with, by name.
+        Object dictionaries of EDS files to compare with, by name.
     timeout
-        How long to listen, and to wait for each answer, in s.
+        Time in s to listen, and longest wait for each answer.
 
     Raises
     ------
     BenchError
-        If the bus takes no frames.
+        If the bus accepts no frames.
     """
     states: dict[int, str] = {}
 
@@ -111,11 +111,11 @@ def scan(
     for node_id in _NODE_IDS:
         _send(network, SDO_RX_ID + node_id, request)
     sleep(timeout)
-    # One request has one answer.
+    # One request gets one answer per device.
     doubled = {node_id for node_id, number in answers.items() if number > 1}
     found = []
     for node_id in sorted({*network.scanner.nodes, *states}):
-        # Where two devices answer, the second answer is none to the next question.
+        # The second answer of a doubled node-ID must not be taken for that to the next request.
         client = SharedSdoClient(network, node_id, timeout)
         client.MAX_RETRIES = 1
         device = _ask(client, node_id, eds_files)
@@ -170,7 +170,7 @@ def _wait_for_state(
     states: dict[int, str],
     timeout: float,
 ) -> None:
-    """Wait for the heartbeat, or ask by node guarding where there is none."""
+    """Wait for the heartbeat, or request the state by node guarding if there is none."""
     if node_id in states:
         return
     try:
@@ -183,7 +183,7 @@ def _wait_for_state(
 
 
 def _send(network: canopen.Network, can_id: int, data: bytes, *, remote: bool = False) -> None:
-    """Send without overflowing a short transmit queue."""
+    """Send a frame, and try again while a short transmit queue is full."""
     for _ in range(_SEND_TRIES):
         try:
             network.send_message(can_id, data, remote)
@@ -200,25 +200,25 @@ def compare_reads(
 ) -> Iterator[Finding]:
     """Read every object of a device over SDO and compare it with the default of the EDS.
 
-    Objects without a default and process data, which are mappable or, outside the communication
-    profile area, read only, need only be readable.
+    Objects without a default, and process data, need only be readable. Process data are mappable
+    objects, and read-only objects outside the communication profile area.
 
     Parameters
     ----------
     network
         Connected network of python-canopen.
     od
-        The EDS, loaded for the device's node-ID.
+        Object dictionary from the EDS, loaded for the device's node-ID.
     sections
-        The same, as it is written.
+        Sections of the same EDS, as written.
     timeout
         Longest wait for an answer in s.
 
     Yields
     ------
     Finding
-        For each object that the device refuses or reads otherwise. A device that does not answer
-        is the last one.
+        One for each object that the device refuses, or that has another value. If the device does
+        not answer, that is the last one.
     """
     client = _client(network, od, timeout)
     for entry in od:
@@ -236,27 +236,27 @@ def compare_reads(
 def write_dcf(
     network: canopen.Network, od: ObjectDictionary, sections: Sections, timeout: float
 ) -> Iterator[Finding]:
-    """Write the values that a DCF states to its device, and read each of them back.
+    """Write the values of a DCF to its device, and read each of them back.
 
-    PDO parameters are written by the procedure of CiA 301, 7.5.2.36: COB-ID not valid, number of
-    entries 0, entries, number, COB-ID. What the device refuses is passed over.
+    PDO parameters are written by the procedure of CiA 301, 7.5.2.36: COB-ID invalid, number of
+    entries 0, entries, number, COB-ID. Values that the device refuses are skipped.
 
     Parameters
     ----------
     network
         Connected network of python-canopen.
     od
-        The DCF, loaded for the device's node-ID.
+        Object dictionary from the DCF, loaded for the device's node-ID.
     sections
-        The same, as it is written.
+        Sections of the same DCF, as written.
     timeout
         Longest wait for an answer in s.
 
     Yields
     ------
     Finding
-        For each value that the device refuses or reads otherwise. A device that does not answer
-        is the last one.
+        One for each value that the device refuses, or reads back differently. If the device does
+        not answer, that is the last one.
     """
     client = _client(network, od, timeout)
     values = stated_values(od, sections)
@@ -278,7 +278,7 @@ def write_dcf(
 
 
 def stated_values(od: ObjectDictionary, sections: Sections) -> list[Entry]:
-    """List the writable entries to which a DCF gives a ParameterValue."""
+    """Return the writable entries to which a DCF gives a ParameterValue."""
     return [
         entry
         for entry in od
@@ -291,7 +291,7 @@ def stated_values(od: ObjectDictionary, sections: Sections) -> list[Entry]:
 
 
 def _writes(od: ObjectDictionary, entries: Iterable[Entry]) -> Iterator[tuple[Entry, bytes]]:
-    """Yield each entry with its bytes in the order in which a device takes them."""
+    """Yield each entry with its bytes, in the order that a device requires."""
     pdos: dict[tuple[int, int], list[Entry]] = {}
     for entry in entries:
         for communication, mapping in _PDOS:
@@ -326,7 +326,7 @@ def _client(network: canopen.Network, od: ObjectDictionary, timeout: float) -> A
 
 
 def _read(client: Any, entry: Entry, sections: Sections, *, judged: bool) -> Iterator[Finding]:
-    """Read an entry; yield what is wrong with it, and with its value where that is judged."""
+    """Read an entry; yield a finding if it cannot be read or, when `judged`, its value differs."""
     section = _section(entry, sections)
     try:
         found = unpack(entry.data_type, client.upload(entry.index, entry.subindex))
@@ -349,7 +349,7 @@ def _is_process_data(entry: Entry) -> bool:
 
 
 def _section(entry: Entry, sections: Sections) -> str:
-    """Return the section of an entry; that of the object for a CompactSubObj."""
+    """Return the section of an entry, or of its object for a CompactSubObj."""
     name = f"{entry.index:04x}"
     for member in (f"{name}sub{entry.subindex:x}", f"{name}sub{entry.subindex:02x}"):
         if member in sections:

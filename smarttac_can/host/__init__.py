@@ -1,4 +1,4 @@
-"""Buses, clock, log files, process signals and the loop that runs a node on them."""
+"""Buses, clocks, log files, process signals and the loop that runs a node on a bus."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Work that goes on in a thread of its own while a block lasts."""
+"""Work in a separate thread during a block."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from typing import Self
 
 
 class Background:
-    """A context manager with a thread, which a process that ends does not wait for.
+    """A context manager with a thread; a process that ends does not wait for the thread.
 
     Parameters
     ----------
     name
         Name of the thread.
     work
-        What it does.
+        Function that the thread runs.
     end
-        Called when the block ends, so that the work ends.
+        Function called when the block ends, to end the work.
     patience
-        Longest wait for that in s; None to wait for as long as it takes.
+        Longest wait in s for the end of the work; None for no limit.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""What a node needs of a bus, and the errors a bus raises."""
+"""The interface of a bus to a node, and the errors of a bus."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from typing import Protocol
 from smarttac_can.device.frame import Frame
 
 LogHook = Callable[[int, Frame], None]
-"""Called with a time stamp in us and the frame, for every frame on the bus, in bus order."""
+"""Function called with a time stamp in us and a frame, for each frame in bus order."""
 
 
 class BusError(Exception):
-    """The bus cannot be opened, or carries no more frames."""
+    """The bus cannot be opened, or has failed."""
 
 
 class QueueFullError(BusError):
-    """The transmit queue takes no more frames for now; the bus itself may be well."""
+    """The transmit queue accepts no frames at present; the bus itself may be in order."""
 
 
 class Bus(Protocol):
@@ -32,26 +32,25 @@ class Bus(Protocol):
         Raises
         ------
         QueueFullError
-            If the bus takes none for now.
+            If the bus accepts no frame at present.
         """
 
     def wait(self, timeout: float) -> None:
-        """Wait until a frame of another party may be there, for so many s at most."""
+        """Wait until a frame of another party may be there, for `timeout` s at most."""
 
     def read(self, frames: deque[Frame]) -> bool:
-        """Append classical 11-bit frames of other parties that wait, oldest first.
+        """Append waiting classical 11-bit frames of other parties, oldest first.
 
         Returns
         -------
         bool
-            Whether more may wait: a call takes some frames at most, as many as come within about a
-            millisecond.
+            Whether more frames may wait: a call reads as many as about a millisecond allows.
         """
 
     def block(self, can_ids: frozenset[int]) -> None:
-        """Drop frames with these identifiers from now on, if the bus can do it for nothing.
+        """Drop frames with these identifiers from now on, if the bus can do so at no cost.
 
-        Others than these are let in again. A hint: the caller passes over what comes all the same.
+        Only these are dropped; earlier ones are not. It is a hint: the caller also ignores them.
         """
 
     def close(self) -> None:

@@ -1,7 +1,7 @@
-"""Frames as bytes of a socket, for the interfaces of python-can that are one.
+"""Frames as bytes of a socket, for the interfaces of python-can that use one.
 
-python-can opens and sets up the socket. Reading and writing it here, without a message object for
-each frame, takes a third of the time, and does not wait.
+python-can opens and configures the socket. Reading and writing the bytes here, without a message
+object for each frame, takes a third of the time and never waits.
 """
 
 from __future__ import annotations
@@ -26,29 +26,29 @@ from smarttac_can.od.cia import CAN_ID_MASK, FRAME_BYTES
 
 try:
     import msgpack
-except ImportError:  # python-can says so itself when such a bus is opened
+except ImportError:  # python-can reports this when such a bus is opened
     msgpack = None
 
 _MOST_BYTES: Final = 4096
 _MOST_FRAMES: Final = 64
-"""Frames that are read at once: about half a millisecond."""
+"""Most frames read per call: about half a millisecond."""
 _NOW: Final[int] = getattr(socket, "MSG_DONTWAIT", 0)
 QUEUE_FULL: Final = (ENOBUFS, EAGAIN)
 """Error numbers of a transmit queue that takes no frame for now."""
 
 
 class Codec(Protocol):
-    """How an interface writes frames."""
+    """Format in which an interface writes frames."""
 
     @property
     def mark(self) -> bytes:
-        """What tells the echo of a frame, as `drop` has it; empty where there is none."""
+        """Bytes that identify the echo of a frame, as for `drop`; empty if there are no echoes."""
 
     def encode(self, frame: Frame) -> bytes:
-        """Return what is sent for a frame."""
+        """Return the bytes of a frame."""
 
     def decode(self, data: bytes) -> Frame | None:
-        """Return the frame; None if the bytes are no frame, or an echo."""
+        """Return the frame; None if the bytes are not a frame, or an echo."""
 
 
 class SocketCan:
@@ -57,9 +57,9 @@ class SocketCan:
     Attributes
     ----------
     size
-        Of a frame in bytes.
+        Bytes per frame.
     mark
-        Empty, for there are no echoes.
+        Empty, because there are no echoes.
     """
 
     _STRUCT: Final = Struct("=IB3x8s")
@@ -68,12 +68,12 @@ class SocketCan:
     mark: Final = b""
 
     def encode(self, frame: Frame) -> bytes:
-        """Return what is sent for a frame."""
+        """Return the bytes of a frame."""
         can_id, data, rtr = frame
         return self._STRUCT.pack(can_id | self._REMOTE if rtr else can_id, len(data), data)
 
     def decode(self, data: bytes) -> Frame | None:
-        """Return the frame; None if the bytes are no classical frame of 11 bits."""
+        """Return the frame; None if the bytes are not a classical frame of 11 bits."""
         if len(data) != self.size:
             return None
         can_id, size, payload = self._STRUCT.unpack(data)
@@ -87,11 +87,11 @@ class SocketCan:
 class _Multicast:
     """The message of python-can's udp_multicast: a map in MessagePack.
 
-    A multicast socket hears itself, and its address is that of every other party on this machine:
-    the channel field tells the echo.
+    A multicast socket receives its own frames, and other parties on this machine have the same
+    address. So an echo is recognised by the channel field.
 
-    What stands in front of the data of a frame depends on its identifier, length and sender alone,
-    but for the time stamp: it is made once, and looked at once.
+    Apart from the time stamp, the bytes before the data of a frame depend only on its identifier,
+    length and sender. They are encoded once, and decoded once.
     """
 
     _BEGIN: Final = b"\x8b\xa9timestamp\xcb"
@@ -137,7 +137,7 @@ class _Multicast:
     def decode(self, data: bytes) -> Frame | None:
         if data.startswith(self._BEGIN) and data.endswith(self._TAIL):
             end = len(data) - len(self._TAIL)
-            # Of the frames of a loop, those of the cycle are full, and SYNC is empty.
+            # Frames of the loop have 8 bytes in a cycle, and SYNC has none.
             for begin in (end - FRAME_BYTES, end):
                 can_id = self._known.get(data[self._AFTER_TIME : begin])
                 if can_id is not None:
@@ -150,7 +150,7 @@ class _Multicast:
         return frame
 
     def _remember(self, frame: Frame, data: bytes) -> None:
-        """Keep what stands in front of the data, where python-can writes it."""
+        """Store the bytes before the data, if they have the layout of python-can."""
         suffix = frame.data + self._TAIL
         if data.startswith(self._BEGIN) and data.endswith(suffix):
             if len(self._known) >= self._MOST_HEADS:
@@ -164,9 +164,9 @@ class _Multicast:
             other = message["is_extended_id"] or message["is_error_frame"] or message["is_fd"]
             payload = b"" if message["data"] is None else message["data"]
         except (ValueError, TypeError, KeyError):
-            return None  # anybody may send anything to the group
+            return None  # any program may send anything to the group
         sound = type(can_id) is int and 0 <= can_id <= CAN_ID_MASK
-        # A number would be made that many bytes.
+        # `bytes` of an integer would have that length.
         sound = sound and type(payload) is bytes and len(payload) <= FRAME_BYTES
         if other or not sound:
             return None
@@ -179,11 +179,11 @@ class CanSocket:
     Parameters
     ----------
     bus
-        Keeps its own descriptor of the same socket, and is closed by its owner.
+        Bus with its own descriptor of the same socket; its owner closes it.
     codec
-        How it writes frames.
+        Format of the frames.
     group
-        Where a frame is sent to, at the port that the socket hears; None for a socket that knows.
+        Group to which frames are sent, at the port of the socket; None for a connected socket.
     """
 
     def __init__(self, bus: can.BusABC, codec: Codec, group: str | None) -> None:
@@ -195,7 +195,7 @@ class CanSocket:
             drop(bus, (), codec.mark)
 
     def send(self, frame: Frame) -> None:
-        """Write a frame to the socket, as `Bus.send` has it."""
+        """Write a frame to the socket, as `Bus.send`."""
         try:
             if self._address is None:
                 self._socket.send(self._codec.encode(frame), _NOW)
@@ -206,15 +206,15 @@ class CanSocket:
             raise kind(f"cannot send frame {frame.can_id:03X}: {error}") from error
 
     def wait(self, timeout: float) -> None:
-        """Wait until there is something to read, as `Bus.wait` has it."""
+        """Wait until there is something to read, as `Bus.wait`."""
         try:
-            # epoll and poll round up to milliseconds.
+            # Not epoll or poll, which round up to milliseconds.
             select((self._socket,), (), (), timeout)
         except (OSError, ValueError) as error:
             raise BusError(f"cannot receive: {error}") from error
 
     def read(self, frames: deque[Frame]) -> bool:
-        """Take the frames that are there, as `Bus.read` has it."""
+        """Read waiting frames, as `Bus.read`."""
         receive, decode = self._socket.recv, self._codec.decode
         try:
             for _ in range(_MOST_FRAMES):
@@ -237,12 +237,12 @@ class CanSocket:
 
 
 def open_socket(bus: can.BusABC, channel: str | None) -> CanSocket | None:
-    """Return the socket of a bus, None where python-can alone knows how to use it.
+    """Return the socket of a bus; None if the bus works only through python-can.
 
     Parameters
     ----------
     channel
-        As the bus was opened with, by an option or python-can's configuration; None without.
+        Channel with which the bus was opened, by an option or python-can's configuration, or None.
     """
     if not _NOW:  # Windows
         return None

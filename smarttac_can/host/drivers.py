@@ -1,4 +1,4 @@
-"""What an interface of python-can needs that python-can does not bring."""
+"""What python-can lacks for its interfaces: missing packages, unknown options, clear errors."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from typing import Final, NamedTuple
 
 class _Package(NamedTuple):
     module: str
-    """What is imported."""
+    """Name of the module to import."""
     pip: str
-    """What pip installs it by."""
+    """Name of the package for pip."""
 
 
 _SERIAL: Final = _Package("serial", "python-can[serial]")
@@ -36,14 +36,14 @@ _PACKAGES: Final = {
 }
 """Packages by interface, as the extras of python-can 4.6 name them."""
 _OF_ALL: Final = ("can_filters", "config_context", "fd", "ignore_config", "timing")
-"""What python-can itself takes."""
+"""Options of python-can itself."""
 _NOT_LISTED: Final = frozenset({"self", "args", "kwargs", "kwds", "channel", "bitrate"})
-"""Arguments of a driver that are no options, or have one of their own."""
+"""Arguments of a driver that are not options, or have their own argument here."""
 _NO_ROUTE: Final = (
     "no route to the group: ip link set lo up; for IPv4 ip route add 239.0.0.0/8 dev lo"
 )
 _NO_GROUP: Final = "name the group as the channel, such as --channel 239.74.163.2"
-"""Where none is given, python-can takes a group of IPv6, which many a computer has no route to."""
+"""Without a channel, python-can uses an IPv6 group, to which many computers have no route."""
 _NO_BUS: Final = (
     "no bus was named: give interface and channel, such as --interface socketcan --channel can0, "
     "or have them in python-can's configuration (CAN_INTERFACE, CAN_CHANNEL, ~/.canrc)"
@@ -63,7 +63,7 @@ _BY_NUMBER: Final[dict[tuple[str | None, int | None], str]] = {
     ("udp_multicast", errno.EADDRNOTAVAIL): _NO_ROUTE,
     ("udp_multicast", errno.EINVAL): "the channel has to be a group, such as 239.74.163.2",
 }
-"""What the system's refusal means, by interface."""
+"""Meaning of the error number of the system, by interface."""
 _MAKERS: Final = {
     "etas": "BOA of ETAS",
     "ixxat": "VCI of HMS",
@@ -74,20 +74,20 @@ _MAKERS: Final = {
     "usb2can": "USB2CAN of 8devices",
     "vector": "XL Driver Library of Vector",
 }
-"""Libraries that come with the adapter, and not from PyPI."""
+"""Libraries that come with the adapter and not from PyPI."""
 
 
 def unknown_options(interface: str | None, names: Iterable[str]) -> list[str]:
-    """Name the options that an interface of python-can would take without a word, and not use.
+    """Return the options that an interface of python-can would silently ignore.
 
-    An interface whose driver is not there, or that python-can does not know, is not asked.
+    The result is empty for an unknown interface, and for one whose driver is missing.
 
     Returns
     -------
     list of str
-        A line each, with the option that is near, or else with all that there are.
+        A line per option, with a similar known option, or else with all known ones.
     """
-    from can.interfaces import BACKENDS  # noqa: PLC0415 - the bench asks for a cure without a bus
+    from can.interfaces import BACKENDS  # noqa: PLC0415 - not loaded when no bus is used
 
     place = BACKENDS.get(interface or "")
     if place is None:
@@ -95,12 +95,12 @@ def unknown_options(interface: str | None, names: Iterable[str]) -> list[str]:
     module, name = place
     try:
         backend = getattr(import_module(module), name)
-    except Exception:  # noqa: BLE001 - drivers raise what they like; opening the bus tells
+    except Exception:  # noqa: BLE001 - drivers raise any error; opening the bus reports it
         return []
     inits = [vars(kind).get("__init__") for kind in backend.__mro__]
     own = [init for init in inits if isinstance(init, FunctionType)]
     named = {name for init in own for name in signature(init).parameters}
-    # Some take theirs out of ``**kwargs``, by names that stand in the code.
+    # Some drivers read options from ``**kwargs``; their names are constants of the code.
     known = {*_OF_ALL, *named, *(text for init in own for text in init.__code__.co_consts)}
     listed = sorted(named - _NOT_LISTED)
     return [
@@ -111,7 +111,7 @@ def unknown_options(interface: str | None, names: Iterable[str]) -> list[str]:
 
 
 def _perhaps(name: str, known: Iterable[object], listed: list[str]) -> str:
-    """Return what a name may mean, or else what there is, as a text after a refusal."""
+    """Return a hint after a refusal: similar names, or else all known ones."""
     words = [text for text in known if isinstance(text, str) and text.isidentifier()]
     if near := get_close_matches(name, words, 1):
         return f"; perhaps {near[0]!r}"
@@ -122,30 +122,30 @@ def _perhaps(name: str, known: Iterable[object], listed: list[str]) -> str:
 def opening(
     interface: str | None, channel: object, kind: Callable[[str], Exception]
 ) -> Iterator[None]:
-    """Where a block cannot open a bus of python-can, say so, why, and what may be missing.
+    """If a block cannot open a bus of python-can, raise an error with the cause and the cure.
 
     Parameters
     ----------
     interface, channel
-        As they were given; None for what python-can's configuration has.
+        Interface and channel as given; None if they come from python-can's configuration.
     kind
-        Error that is raised then.
+        Class of the error to raise.
     """
     try:
         yield
-    except Exception as error:  # drivers raise what they like, down to NameError
+    except Exception as error:  # drivers raise any error, even NameError
         _close_half_made(error)
         raise kind(_cannot_open(interface, channel, error)) from error
 
 
 def _close_half_made(error: BaseException) -> None:
     """Close a bus whose constructor has failed: only the exception still refers to it."""
-    from can import BusABC  # noqa: PLC0415 - the bench asks for a cure without a bus
+    from can import BusABC  # noqa: PLC0415 - not loaded when no bus is used
 
     for frame, _ in walk_tb(error.__traceback__):
         made = frame.f_locals.get("self")
         if isinstance(made, BusABC):
-            # What of it is there to be closed only its driver knows.
+            # Only the driver knows which parts of it exist.
             with suppress(Exception):
                 made.shutdown()
 
@@ -155,7 +155,6 @@ def _is_taken(system: BaseException) -> bool:
 
 
 def _port(error: BaseException) -> object:
-    """Return the port of a bus whose constructor has failed."""
     for frame, _ in walk_tb(error.__traceback__):
         if (port := getattr(frame.f_locals.get("self"), "port", None)) is not None:
             return port
@@ -164,7 +163,7 @@ def _port(error: BaseException) -> object:
 
 def _cannot_open(interface: str | None, channel: object, error: BaseException) -> str:
     if interface is None:
-        if '"None"' in str(error):  # as python-can names the type of none
+        if '"None"' in str(error):  # python-can's text for a missing interface
             return _NO_BUS
         asked = "bus of python-can's configuration (no interface was given)"
     elif channel:
@@ -181,27 +180,27 @@ def _cannot_open(interface: str | None, channel: object, error: BaseException) -
 
 
 def _configured_channel(interface: str) -> object:
-    """Return what python-can's configuration has for an interface; None for no channel."""
-    from can.util import load_config  # noqa: PLC0415 - the bench asks for a cure without a bus
+    """Return the channel of an interface in python-can's configuration; None if there is none."""
+    from can.util import load_config  # noqa: PLC0415 - not loaded when no bus is used
 
-    # The error about the configuration or the interface is what the user has to see.
+    # The user must see the error about the interface, not one of the configuration here.
     with suppress(Exception):
         return load_config(config={"interface": interface})["channel"]
     return None
 
 
 def cure(interface: str | None, error: BaseException) -> str:
-    """Return what may be missing when an interface of python-can could not be opened.
+    """Return a hint on what is missing when an interface of python-can could not be opened.
 
     Parameters
     ----------
     error
-        What opening it has raised.
+        Error raised by opening it.
 
     Returns
     -------
     str
-        A text that follows the error; empty if nothing is known to be missing.
+        Text to append to the error; empty if nothing is known to be missing.
     """
     from can.interfaces import BACKENDS  # noqa: PLC0415 - slow, and the bench needs no bus
 

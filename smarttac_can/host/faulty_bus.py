@@ -1,4 +1,4 @@
-"""A local bus on which frames and nodes go wrong, on purpose and the same way in every run."""
+"""A local bus with injected faults of frames and nodes, the same in every run."""
 
 from __future__ import annotations
 
@@ -18,35 +18,35 @@ from smarttac_can.vocabulary.signals import TICK_US
 
 
 class FrameFault(Enum):
-    """What happens to a frame between its sender and the bus."""
+    """Fault of a frame between its sender and the bus."""
 
     LOSS = "loss"
-    """It is never sent."""
+    """The frame is not sent."""
     DUPLICATION = "duplication"
-    """It is sent twice in a row."""
+    """The frame is sent twice in a row."""
     REORDERING = "reordering"
-    """It is sent after the sender's next frame."""
+    """The frame is sent after the next frame of its sender."""
     DELAY = "delay"
-    """It is sent some cycles later, before the sender's own frames of that cycle."""
+    """The frame is sent some cycles later, before the frames of its sender in that cycle."""
     CORRUPTION = "corruption"
-    """One bit of its data is another, as from a bad memory: the CAN controller's CRC is right."""
+    """One bit of the data is flipped, as by a faulty memory; the CRC of the frame is correct."""
 
 
 def require_can_id(can_id: int) -> None:
-    """Raise ValueError for what is no identifier of 11 bits."""
+    """Raise ValueError unless an identifier has 11 bits."""
     if not 0 <= can_id <= CAN_ID_MASK:
         raise ValueError(f"identifier {can_id:X}h is outside 0h..{CAN_ID_MASK:X}h")
 
 
 @dataclass(frozen=True, slots=True)
 class Disturbance:
-    """Which frames a frame_fault befalls."""
+    """A fault, and the frames that it affects."""
 
     frame_fault: FrameFault
     can_ids: frozenset[int] = frozenset()
-    """Identifiers; none stands for every frame."""
+    """Identifiers of these frames; empty for all frames."""
     share: float = 1.0
-    """Share of these frames, 0..1, drawn at random."""
+    """Fraction of these frames that is affected at random, 0..1."""
     cycles: int = 1
     """Cycles of a delay, 1 or more."""
 
@@ -60,25 +60,25 @@ class Disturbance:
 
 
 QUEUE_FRAMES: Final = 1000
-"""Frames of a party that wait at most while the bus has no room; an assumption."""
+"""Most frames of a party that wait while the bus has no room; an assumption."""
 RECEIVED_FRAMES: Final = 256
-"""Frames that wait at most for a process that stands: about what the 208 KiB hold that a socket
-has by default on Linux; an assumption."""
+"""Most frames that wait for a paused process: about the default 208 KiB of a socket on Linux; an
+assumption."""
 
 
 class Transmitter:
-    """The way of one party's frames to the bus."""
+    """Applies the disturbances to the frames of one party."""
 
-    __slots__ = ("_behind", "_held", "bus")
+    __slots__ = ("_held", "_postponed", "bus")
 
     def __init__(self, bus: FaultyBus) -> None:
         self.bus = bus
         self._held: list[tuple[int, Frame]] = []
-        self._behind: list[Frame] = []
+        self._postponed: list[Frame] = []
 
     def passed(self, frames: Iterable[Frame]) -> list[Frame]:
-        """Return what becomes of the frames that a party sends now."""
-        if not (self.bus.disturbed or self._held or self._behind):
+        """Return the frames that reach the bus when a party sends `frames`."""
+        if not (self.bus.disturbed or self._held or self._postponed):
             return list(frames)
         out = self._due()
         for frame in frames:
@@ -86,8 +86,8 @@ class Transmitter:
             if sent is None:
                 continue
             out += sent
-            out += self._behind
-            self._behind = []
+            out += self._postponed
+            self._postponed = []
         return self._fitting(out)
 
     def _due(self) -> list[Frame]:
@@ -97,7 +97,7 @@ class Transmitter:
         return due
 
     def _disturb(self, frame: Frame) -> list[Frame] | None:
-        """Return the frames sent now in place of one, None if it goes after the next."""
+        """Return the frames sent now in place of one; None if it follows the next one."""
         bus = self.bus
         for disturbance in bus.disturbances:
             if disturbance.can_ids and frame.can_id not in disturbance.can_ids:
@@ -109,8 +109,8 @@ class Transmitter:
                 return []
             if frame_fault is FrameFault.DUPLICATION:
                 return [frame, frame]
-            if frame_fault is FrameFault.REORDERING and not self._behind:
-                self._behind.append(frame)
+            if frame_fault is FrameFault.REORDERING and not self._postponed:
+                self._postponed.append(frame)
                 return None
             if frame_fault is FrameFault.DELAY:
                 self._held.append((bus.cycle + disturbance.cycles, frame))
@@ -123,9 +123,9 @@ class Transmitter:
         return [frame]
 
     def _fitting(self, frames: list[Frame]) -> list[Frame]:
-        """Leave for the next cycle what a babbling node leaves no room for in this one.
+        """Queue for the next cycle the frames for which a babbling node leaves no room.
 
-        What the queue of a party has no room for, either, is lost.
+        Frames are lost when the queue of the party is full.
         """
         out = []
         for frame in frames:
@@ -137,12 +137,10 @@ class Transmitter:
 
 
 class WholeNode(HostedNode, ConnectedNode, Protocol):
-    """A node with all that hosts ask of one."""
+    """A node with all methods that hosts need."""
 
 
 class _Controller:
-    """A CAN controller that hands frames on, once it has room."""
-
     __slots__ = ("bus", "full_until", "sent")
 
     def __init__(self, bus: FaultyBus) -> None:
@@ -162,11 +160,11 @@ class Station:
     Parameters
     ----------
     node
-        Started by `start`.
+        Node, started by `start`.
     transmitter
-        Takes what reaches the bus.
+        Transmitter for the frames of the node.
     lockstep
-        Whether SYNC is its clock, also after a pause; otherwise time has passed then.
+        Whether SYNC is its clock, also after a pause; otherwise time passes during a pause.
     """
 
     __slots__ = (
@@ -203,7 +201,7 @@ class Station:
         return self._sent(self.node.start())
 
     def receive(self, frame: Frame) -> list[Frame]:
-        """Take a frame from the bus, if it can."""
+        """Receive a frame from the bus if power, process and controller allow it."""
         if self.paused:
             self._waiting += 1
             if self._waiting <= RECEIVED_FRAMES:
@@ -221,7 +219,7 @@ class Station:
         return []
 
     def segments(self, _most: int) -> list[Frame]:
-        """Return nothing: they follow their request at once."""
+        """Return an empty list: segments directly follow their request."""
         return []
 
     def shutdown(self) -> list[Frame]:
@@ -229,9 +227,9 @@ class Station:
         return self._sent(self.node.shutdown()) if self.powered else []
 
     def catch_up(self) -> list[Frame]:
-        """Go on after a pause with the frames that wait and the time that passed meanwhile.
+        """Resume after a pause, with the frames and the time that were missed.
 
-        In real time the time comes first, and what is overdue by then, as for a process of its own.
+        In real time, time and overdue timers come before the frames, as for a separate process.
         """
         self.paused = False
         missed, self._missed, self._waiting = self._missed, [], 0
@@ -246,7 +244,7 @@ class Station:
         return out
 
     def _hear_what_waits(self, frames: list[Frame]) -> list[Frame]:
-        """Take frames together with the newer ones that wait after them."""
+        """Receive frames, each with the knowledge of the newer ones that wait."""
         out: list[Frame] = []
         if not (self.powered and self.connected):
             return out
@@ -256,22 +254,22 @@ class Station:
         return out
 
     def clog(self, until: int) -> None:
-        """Take no more frames before a cycle of the bus: they wait in the node's outbox."""
+        """Refuse frames until a cycle of the bus; they wait in the outbox of the node."""
         self._controller.full_until = until
         self._outbox = Outbox(self.node, self._controller, lambda _reason: None)
 
     def bus_off(self) -> None:
-        """Leave the bus; what the node says of it reaches nobody."""
+        """Leave the bus; the frames of the node for this are lost."""
         self.node.bus_off()
         self.connected = False
 
     def bus_recovered(self) -> list[Frame]:
-        """Be on the bus again; return what the node says of it."""
+        """Rejoin the bus; return the frames of the node for this."""
         self.connected = True
         return self._sent(self.node.bus_recovered())
 
     def _sent(self, frames: list[Frame]) -> list[Frame]:
-        """Return what reaches the bus of frames that the node sends now."""
+        """Return the frames that reach the bus when the node sends `frames`."""
         if not self.connected:
             return []
         outbox, controller = self._outbox, self._controller
@@ -287,8 +285,6 @@ class Station:
 
 
 class _DisturbedConnection(Connection):
-    """A place whose frames may go wrong."""
-
     __slots__ = ("_transmitter",)
 
     def __init__(
@@ -298,27 +294,27 @@ class _DisturbedConnection(Connection):
         self._transmitter = transmitter
 
     def send(self, frame: Frame) -> None:
-        """Send a frame, if nothing happens to it."""
+        """Send a frame, subject to the disturbances."""
         self._bus._send(self, self._transmitter.passed((frame,)))
 
 
 class FaultyBus(LocalBus):
-    """A `LocalBus` with faults, none at first.
+    """A `LocalBus` with faults; at first there are none.
 
-    Frames go wrong on their way to the bus, so the log holds what everyone could hear. Nodes go
-    wrong by their port.
+    Frames are disturbed before they reach the bus, so the log holds what every party could receive.
+    Faults of nodes are addressed by the port of the node.
 
     Parameters
     ----------
     seed
-        Of everything that is drawn at random.
+        Seed of all random draws.
     sync_id, bit_rate, log, wire
         As for `LocalBus`.
 
     Attributes
     ----------
     disturbances
-        Those in force; the first that befalls a frame is the only one.
+        Disturbances in force; only the first one that affects a frame is applied.
     """
 
     def __init__(
@@ -342,85 +338,85 @@ class FaultyBus(LocalBus):
 
     @property
     def disturbed(self) -> bool:
-        """Whether anything happens to frames now."""
+        """Whether frames may be disturbed now."""
         return bool(self.disturbances) or self._babbler is not None
 
-    def attach(  # type: ignore[override] # what goes wrong here is up to a node's host
+    def attach(  # type: ignore[override] # faults need all methods of a node
         self, node: WholeNode, *, lockstep: bool = True
     ) -> Connection:
-        """Plug in a node and switch it on; see `LocalBus.attach`."""
+        """Attach a node and switch it on; see `LocalBus.attach`."""
         station = Station(node, Transmitter(self), lockstep)
         port = super().attach(station, lockstep=lockstep)
         self._stations[port] = station
         return port
 
     def connect(self, listener: Callable[[Frame], None]) -> Connection:
-        """Plug in a party; what it sends may go wrong as well."""
+        """Connect a party; its frames may be disturbed as well."""
         port = _DisturbedConnection(self, listener, Transmitter(self))
         self._add(port)
         return port
 
     def power_off(self, port: Connection) -> None:
-        """Cut a node's power: it says nothing more, and what it drives is at 0 V."""
+        """Cut the power of a node: it sends nothing more, and its output is at 0 V."""
         station = self._stations[port]
         if station.powered:
             station.node.shutdown()
             station.powered = False
 
     def power_on(self, port: Connection) -> None:
-        """Give a node its power back; it starts as after power-on."""
+        """Restore the power of a node; it starts as after power-on."""
         station = self._stations[port]
         station.powered = True
         self._send(port, station.start())
 
     def pause(self, port: Connection) -> None:
-        """Stop a node's process: it neither hears nor ages."""
+        """Pause the process of a node: it receives nothing, and its time stands still."""
         self._stations[port].paused = True
 
     def resume(self, port: Connection) -> None:
-        """Let a process go on with what it missed: time before frames, unless in lockstep."""
+        """Resume a process with what it missed: time before frames, unless in lockstep."""
         self._send(port, self._stations[port].catch_up())
 
     def clog(self, port: Connection, cycles: int) -> None:
-        """Have a node's CAN controller take no frames for some cycles, 1 or more.
+        """Let a node's CAN controller refuse frames for some cycles, 1 or more.
 
-        They wait in an `Outbox`, which tells the node.
+        The frames wait in an `Outbox`, which informs the node.
         """
         if cycles < 1:
             raise ValueError(f"cycles {cycles} is below 1")
         self._stations[port].clog(self.cycle + cycles)
 
     def bus_off(self, port: Connection) -> None:
-        """Have a node's CAN controller leave the bus, and its host notice."""
+        """Disconnect a node's CAN controller from the bus; its host notices."""
         self._stations[port].bus_off()
 
     def bus_recovered(self, port: Connection) -> None:
-        """Have it be on the bus again."""
+        """Reconnect the CAN controller of a node to the bus."""
         self._send(port, self._stations[port].bus_recovered())
 
     def stop_clock(self, port: Connection) -> None:
-        """Stop a node's clock; it goes on hearing frames."""
+        """Stop the clock of a node; it still receives frames."""
         self._stations[port].clock_runs = False
 
     def start_clock(self, port: Connection) -> None:
-        """Let a node's clock go on from where it stopped."""
+        """Let the clock of a node go on from where it stopped."""
         self._stations[port].clock_runs = True
 
     def jump(self, port: Connection, microseconds: int) -> None:
-        """Put a node's clock forward at once, 0 or more us."""
+        """Advance the clock of a node at once, by 0 or more us."""
         if microseconds < 0:
             raise ValueError(f"microseconds {microseconds} is below 0")
         self._send(port, self._stations[port].advance(microseconds))
 
     def answer(self, port: Connection, frames: Iterable[Frame]) -> None:
-        """Send what a node says because of something that only its own host noticed."""
+        """Send frames of a node about an event that only its own host has noticed."""
         self._send(port, self._stations[port].transmitter.passed(frames))
 
     def babble(self, frames: int, can_id: int = 0x001) -> None:
-        """Have a broken node send 8 bytes that many times in every cycle; 0 ends it.
+        """Let a faulty node send 8 bytes that many times in every cycle; 0 ends it.
 
-        Frames of a lower priority that no longer fit into a cycle wait for the next one. SYNC
-        always passes here: that it does not is `FrameFault.LOSS`.
+        Frames of a lower priority that no longer fit into a cycle wait for the next one. SYNC is
+        never delayed here; use `FrameFault.LOSS` to lose it.
         """
         if frames < 0:
             raise ValueError(f"frames {frames} is below 0")
@@ -441,7 +437,7 @@ class FaultyBus(LocalBus):
         self._add(self._babbler)
 
     def has_room(self, frame: Frame) -> bool:
-        """Return whether a frame still fits into this cycle; it is then counted."""
+        """Return whether a frame still fits into this cycle, and count it."""
         if self._babbler is None or frame.can_id in (self._sync_id, self._babble.can_id):
             return True
         if frame.can_id < self._babble.can_id:

@@ -1,4 +1,4 @@
-"""Files that a person names: opened with care, replaced as a whole, with errors in plain words."""
+"""Files named by a user: opened safely, replaced as a whole, with errors in plain words."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ else:
 
 
 def open_regular(path: Path) -> BufferedReader:
-    """Open a regular file, or a link to one; never wait for it.
+    """Open a regular file, or a link to one, without waiting.
 
     Raises
     ------
     OSError
         If it is something else, such as a pipe, a device or a directory, or cannot be opened.
     """
-    # Looked at before as well, because opening alone makes some devices act.
+    # Check before opening as well, because opening alone has effects on some devices.
     _require_regular(path, path.stat())
     file = os.fdopen(os.open(path, _FLAGS), "rb")
     try:
@@ -44,24 +44,24 @@ def open_regular(path: Path) -> BufferedReader:
 
 
 def create_regular(path: Path) -> BufferedWriter:
-    """Make a new file to write to, in place of what had its name; follow no link, wait for nothing.
+    """Create a file for writing and replace any old one; follow no link, wait for nothing.
 
     Raises
     ------
     OSError
-        If it cannot be made, as in the place of a directory.
+        If it cannot be created, for example because it is a directory.
     """
     path.unlink(missing_ok=True)
     return os.fdopen(os.open(path, _NEW, 0o666), "wb")
 
 
 def read_bounded(path: Path, most: int) -> bytes:
-    """Return the content of a regular file of `most` bytes at most; of another, read one more.
+    """Return the content of a regular file of at most `most` bytes.
 
     Raises
     ------
     OSError
-        If it is larger, and as for `open_regular`.
+        If the file is larger, and as for `open_regular`.
     """
     with open_regular(path) as file:
         data = file.read(most + 1)
@@ -71,7 +71,7 @@ def read_bounded(path: Path, most: int) -> bytes:
 
 
 def too_large(path: Path, most: int) -> OSError:
-    """Error that says so, with the bound in bytes."""
+    """Return the error for a file that is larger than `most` bytes."""
     return OSError(errno.EFBIG, f"is larger than {most} bytes", str(path))
 
 
@@ -81,7 +81,7 @@ def _require_regular(path: Path, status: os.stat_result) -> None:
 
 
 def reason(error: OSError) -> str:
-    """Return in words what is wrong with a file, and which folder is missing; without its name."""
+    """Return in words what is wrong with a file, or which folder is missing, without its name."""
     if error.filename is not None and isinstance(error, FileNotFoundError | NotADirectoryError):
         folders = list(reversed(Path(error.filename).parents))
         for folder in folders:
@@ -103,17 +103,17 @@ def trouble(error: OSError) -> str:
 
 @contextmanager
 def in_words(path: Path | str | None = None) -> Iterator[None]:
-    """Give an `OSError` of the block the text of `trouble`; its class stays.
+    """Give an `OSError` of the block the text of `trouble`, and keep its class.
 
     Parameters
     ----------
     path
-        The file that is meant where an error names none, as one of writing; None for no such.
+        File to name if the error names none, as an error of writing; None to leave such errors.
 
     Raises
     ------
     OSError
-        Whose text is one line, as from `trouble`.
+        With the text of `trouble`, one line.
     """
     try:
         yield
@@ -127,14 +127,14 @@ def in_words(path: Path | str | None = None) -> Iterator[None]:
 
 @contextmanager
 def result_file(path: Path) -> Iterator[TextIO]:
-    r"""Open a file that takes the place of an old one when all of it is written.
+    r"""Open a file that replaces an old one when all of it is written.
 
-    It is UTF-8 with lines that end in ``\n``. A block that fails leaves the old one.
+    The file is UTF-8 with lines that end in ``\n``. If the block fails, the old file remains.
 
     Raises
     ------
     OSError
-        If it cannot be written; names it.
+        If the file cannot be written; the message names it.
     """
     if path.exists() and not path.is_file():  # such as /dev/stdout, or a pipe
         with _opened(path, path) as file:
@@ -147,7 +147,7 @@ def result_file(path: Path) -> Iterator[TextIO]:
             yield file
         part.replace(behind_links)
     finally:
-        with suppress(OSError):  # why it could not be opened is the reason to tell
+        with suppress(OSError):  # report why it could not be opened, not this
             part.unlink()
 
 
@@ -157,14 +157,14 @@ def _opened(path: Path, name: Path) -> TextIO:
 
 
 class _NamedFile(FileIO):
-    """A file whose errors, also of writing, have the name that a person gave.
+    """A file whose errors, also of writing, contain the name given by the user.
 
     Parameters
     ----------
     path
-        The file.
+        File to write.
     name
-        What it is called.
+        Name for the errors.
     """
 
     def __init__(self, path: Path, name: Path) -> None:
@@ -176,7 +176,7 @@ class _NamedFile(FileIO):
             raise
 
     def write(self, data: Any) -> int:
-        """Write some of it."""
+        """Write some of the data."""
         try:
             return super().write(data)
         except OSError as error:
@@ -185,37 +185,37 @@ class _NamedFile(FileIO):
 
 
 MAX_STORED_BYTES: Final = 4 << 20
-"""Of what a device stores; a DOMAIN takes up to 1 MiB of it."""
+"""Most bytes that a device stores; a DOMAIN takes up to 1 MiB of them."""
 
 
 class StorageFile:
-    """Storage of a device in one file: the old bytes or the new ones, wherever the power fails.
+    """Storage of a device in one file, which holds the old or the new bytes after a power failure.
 
     Parameters
     ----------
     path
-        The file, or a link to it; it need not exist, its directory must.
+        The file, or a link to it. It need not exist; its directory must.
 
     Attributes
     ----------
     path
-        The file, after all links are followed.
+        The file after following all links.
     """
 
     def __init__(self, path: Path) -> None:
-        # A link is followed now: replacing it would leave the file it points to unchanged.
+        # Follow links now: replacing a link would leave its target unchanged.
         self.path = Path(os.path.realpath(path))
         self._new = self.path.with_name(self.path.name + ".new")
 
     def read(self) -> bytes | None:
         """Return the content of the file, None if there is none.
 
-        What a power cut has left half written is removed.
+        A half-written file, left by a power failure, is removed.
 
         Raises
         ------
         OSError
-            If it is no regular file, longer than `MAX_STORED_BYTES`, or cannot be read.
+            If it is not a regular file, longer than `MAX_STORED_BYTES`, or cannot be read.
         """
         with suppress(OSError):
             self._new.unlink()
@@ -225,12 +225,12 @@ class StorageFile:
             return None
 
     def require_writable(self) -> None:
-        """Make what a write begins with, and remove it.
+        """Create the temporary file of a write, and remove it.
 
         Raises
         ------
         OSError
-            If it cannot be made, as on a file system that is read-only; names the file itself.
+            If it cannot be created, as on a read-only file system; the error names the file itself.
         """
         try:
             create_regular(self._new).close()
@@ -240,9 +240,9 @@ class StorageFile:
             raise
 
     def write(self, data: bytes) -> None:
-        """Replace the file as a whole; on `OSError` the old one is still there.
+        """Replace the file as a whole; on `OSError` the old one remains.
 
-        A pipe or a link in the place of the new one is neither waited for nor followed.
+        A pipe or a link in place of the new file is neither waited for nor followed.
         """
         if len(data) > MAX_STORED_BYTES:
             raise too_large(self.path, MAX_STORED_BYTES)
@@ -255,7 +255,7 @@ class StorageFile:
 
 
 def _sync_directory(path: Path) -> None:
-    """Make the new name last; Windows cannot open directories and does it by itself."""
+    """Make the new name durable; Windows cannot open directories and needs no such call."""
     if os.name == "nt":
         return
     directory = os.open(path, os.O_RDONLY)
@@ -268,24 +268,24 @@ def _sync_directory(path: Path) -> None:
 _LONGEST: Final = 500
 _UNPRINTABLE: Final = re.compile("[^ -~]")
 PERIOD_S: Final = 1.0
-"""A `FaultFile` is written at most that often."""
+"""Least period in s between two writes of a `FaultFile`."""
 
 
 class FaultFile(Background):
-    """Keeps lines that change now and then in a file; whoever has them never waits for it.
+    """Stores lines that change now and then in a file, so that the caller never waits.
 
-    It writes in a thread of its own. A context manager that ends with a last look.
+    A thread writes the file. It is a context manager that saves a last time at the end.
 
     Parameters
     ----------
     file
-        Replaced as a whole whenever the lines have changed.
+        File that is replaced as a whole whenever the lines have changed.
     lines
-        Returns them; called in the thread.
+        Function that returns the lines; called in the thread.
     failed
-        Called in the thread with the first `OSError`; the lines are tried again.
+        Function called in the thread with the first `OSError`; the lines are tried again.
     period
-        Time in s between two looks at the lines, above 0.
+        Time in s between two calls of `lines`, above 0.
     """
 
     def __init__(
@@ -323,23 +323,24 @@ class FaultFile(Background):
 
 
 def read_lines(file: StorageFile) -> tuple[str, ...]:
-    """Return the lines of a file, none if there is none; raises `OSError`.
+    """Return the lines of a file, an empty tuple if it does not exist; raises `OSError`.
 
-    What is no printable ASCII becomes a question mark, and of a line 500 characters are enough.
+    Characters that are not printable ASCII become a question mark. Lines are cut at 500
+    characters.
     """
     lines = (file.read() or b"").decode("latin-1").splitlines()
     return tuple(_UNPRINTABLE.sub("?", line[:_LONGEST]) for line in lines)
 
 
 MAX_EDS_BYTES: Final = 4 << 20
-"""Of an EDS: those of our own have 57 KB at most."""
+"""Most bytes of an EDS; those of this package have 57 KB at most."""
 _PACKAGE: Final = Path(__file__).parents[1]
 PLACES: Final = (_PACKAGE / "eds", _PACKAGE.parent / "eds")
-"""In an installed package, and in the source tree."""
+"""Folders of EDS files in an installed package, and in the source tree."""
 
 
 def packaged_eds(name: str) -> Path:
-    """Find an EDS file of this package.
+    """Return the path of an EDS file of this package.
 
     Parameters
     ----------
@@ -369,12 +370,12 @@ def read_eds(name: str) -> str:
 
 
 def read_eds_file(path: Path) -> str:
-    """Return the text of an EDS or DCF of any maker: ASCII by rule, UTF-8 or Windows' in practice.
+    """Return the text of an EDS or DCF of any maker: ASCII by the standard, or UTF-8, or cp1252.
 
     Raises
     ------
     OSError
-        If it is no regular file, longer than `MAX_EDS_BYTES`, or cannot be read.
+        If it is not a regular file, longer than `MAX_EDS_BYTES`, or cannot be read.
     """
     data = read_bounded(path, MAX_EDS_BYTES)
     try:

@@ -1,8 +1,8 @@
-"""An append-only log of frames that is there, but for the last second, whatever ends the process.
+"""An append-only log of frames: after a sudden end of the process only the last second is missing.
 
-A head of JSON, then records of 24 bytes: time in ns since the epoch, identifier, kind, length,
-8 bytes of data, and the CRC-32 of these. A record that is cut or damaged is left out, and those
-behind it are found.
+A head of JSON is followed by records of 24 bytes: time in ns since the epoch, identifier, kind,
+length, 8 bytes of data, and the CRC-32 of these. A record that is cut or damaged is skipped, and
+later ones are still found.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from smarttac_can.host.background import Background
 from smarttac_can.host.files import open_regular
 
 FRAME, MARK, MARK_END = range(3)
-"""Kinds of records: a frame, a piece of a marker's text, and its last piece."""
+"""Kinds of records: a frame, a piece of the text of a marker, and its last piece."""
 RECORD: Final = np.dtype(
     [
         ("time_ns", "<u8"),
@@ -47,31 +47,31 @@ _CRC: Final = struct.Struct("<I")
 _FLUSH_S: Final = 0.25
 _LONGEST_HEAD: Final = 16 << 20
 _CHUNK: Final = 1 << 18
-"""Records that are read at a time."""
+"""Records read at a time."""
 _PIECE: Final = 8
 
 
 class FrameLog(Background):
-    """Writes a log in a thread of its own; a context manager that ends with all of it written.
+    """Writes a log in a separate thread; a context manager that ends when all is written.
 
     Parameters
     ----------
     path
-        A file that does not exist yet.
+        File to create; it must not exist.
     head
-        What else is to be known of the frames, for JSON.
+        Further data about the frames, for JSON.
 
     Attributes
     ----------
     error
-        Why nothing more is written; None while all is well.
+        Error after which nothing more is written; None before.
 
     Raises
     ------
     FileExistsError
-        If there is such a file.
+        If the file exists.
     OSError
-        If it cannot be written.
+        If the file cannot be written.
     """
 
     def __init__(self, path: Path, head: Mapping[str, Any]) -> None:
@@ -83,29 +83,29 @@ class FrameLog(Background):
         except OSError:
             with suppress(OSError):
                 self._file.close()
-            # What is left would be taken for the log of a recording that was killed.
+            # The rest would be mistaken for the log of a killed recording.
             path.unlink()
             raise
         self._queue: deque[tuple[int, int, int, bytes]] = deque()
-        # The clock of a recording never goes back, whatever is done to that of the system.
+        # The time of a recording never goes back, even if the system clock is set back.
         self._epoch = time_ns() - monotonic_ns()
         self._over = threading.Event()
         self.error: OSError | None = None
         super().__init__("frame log", self._work, self._over.set)
 
     def frame(self, can_id: int, data: bytes) -> None:
-        """Have a frame written, with the present time."""
+        """Queue a frame for writing, with the present time."""
         if self.error is None:
             self._queue.append((monotonic_ns(), can_id, FRAME, data))
 
     def mark(self, text: str) -> None:
-        """Have a text written, with the present time."""
+        """Queue the text of a marker for writing, with the present time."""
         now = monotonic_ns()
         data = text.encode()
         pieces = [data[at : at + _PIECE] for at in range(0, len(data), _PIECE)] or [b""]
         kinds = [MARK] * (len(pieces) - 1) + [MARK_END]
         if self.error is None:
-            # Markers of several threads are not mixed.
+            # One call, so that markers of several threads are not mixed.
             self._queue.extend(
                 [(now, 0, kind, piece) for kind, piece in zip(kinds, pieces, strict=True)]
             )
@@ -136,38 +136,38 @@ class FrameLog(Background):
 
 
 def is_frame_log(path: Path) -> bool:
-    """Return whether a file begins as a log does.
+    """Return whether a file begins as a log.
 
     Raises
     ------
     OSError
-        If it is no regular file, or cannot be read.
+        If the file is not a regular file, or cannot be read.
     """
     with open_regular(path) as file:
         return file.read(len(_MAGIC)) == _MAGIC
 
 
 class FrameLogReader:
-    """Reads a log, as far as it is whole.
+    """Reads the undamaged records of a log.
 
     Parameters
     ----------
     path
-        The log.
+        Path of the log.
 
     Attributes
     ----------
     head
-        What `FrameLog` was given.
+        Head given to `FrameLog`.
     damaged
-        Number of records that were left out so far.
+        Number of damaged records skipped so far.
 
     Raises
     ------
     ValueError
-        If it is no log, or its head is damaged.
+        If the file is not a log, or its head is damaged.
     OSError
-        If it is no regular file, or cannot be read.
+        If the file is not a regular file, or cannot be read.
     """
 
     def __init__(self, path: Path) -> None:
@@ -204,7 +204,6 @@ class FrameLogReader:
 
 
 def _whole(records: Records) -> npt.NDArray[np.bool_]:
-    """Return which records are as they were written."""
     view, size, checked = memoryview(records.tobytes()), RECORD.itemsize, _CHECKED.size
     found = [crc32(view[at : at + checked]) for at in range(0, len(view), size)]
     whole: npt.NDArray[np.bool_] = np.array(found, np.uint32) == records["crc"]

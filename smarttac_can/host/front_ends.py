@@ -18,22 +18,22 @@ from smarttac_can.vocabulary.plate import Plate
 from smarttac_can.vocabulary.signals import Drive, Measurement
 
 GROUP: Final = "smarttac_can.front_ends"
-"""Entry points by which packages name their front ends: classes called without arguments."""
+"""Group of entry points with which packages name their front ends: classes without arguments."""
 _METHODS: Final = ("put_out", "sample", "close")
 _LOOK_S: Final = 0.02
 HUNG_LOOKS: Final = 5
-"""Looks at the same call, 20 ms apart, after which it hangs. Looks, and not time: of a process that
-the system held up they are one."""
+"""Checks of the same call, 20 ms apart, after which it counts as hanging. Checks are counted, not
+time, because a pause of the whole process is only one check."""
 _LAST_WORD_S: Final = 0.1
 
 
 def no_clock() -> int:
-    """Return 0, always: no time passes but by SYNC."""
+    """Return 0: no time passes between two SYNCs."""
     return 0
 
 
 class FrontEndError(Exception):
-    """There is no such front end, or it does not open."""
+    """The front end does not exist, or cannot be opened."""
 
 
 def find_front_end(name: str) -> Callable[[], Plate]:
@@ -42,12 +42,12 @@ def find_front_end(name: str) -> Callable[[], Plate]:
     Parameters
     ----------
     name
-        That of an entry point of the group ``smarttac_can.front_ends``, or ``module:Class``.
+        Entry point of the group ``smarttac_can.front_ends``, or ``module:Class``.
 
     Raises
     ------
     FrontEndError
-        If there is none of that name, or it cannot be imported.
+        If there is no such front end, or it cannot be imported.
     """
     found = {point.name: point.value for point in entry_points(group=GROUP)}
     target = found.get(name, name)
@@ -57,31 +57,31 @@ def find_front_end(name: str) -> Callable[[], Plate]:
         raise FrontEndError(f"no front end {name!r} ({known}); it may also be module:Class")
     try:
         made: Callable[[], Plate] = getattr(import_module(module), attribute)
-    except Exception as error:  # a module raises what it likes
+    except Exception as error:  # a module may raise any error
         raise FrontEndError(f"cannot import front end {target}: {error}") from error
     return made
 
 
 @contextmanager
 def opened_front_end(name: str, *, by_clock: bool) -> Iterator[TimedFrontEnd]:
-    """Open a front end, and close it on every way out; if a call hangs, the process ends.
+    """Open a front end, and always close it at the end; if a call hangs, end the process.
 
     Parameters
     ----------
     name
-        As for `find_front_end`.
+        Name, as for `find_front_end`.
     by_clock
-        Whether calls are timed; in lockstep only SYNC is time.
+        Whether calls are timed; in lockstep time passes only by SYNC.
 
     Raises
     ------
     FrontEndError
-        If it cannot be found, does not open or close, or has not the methods of a `Plate`.
+        If it is not found, cannot be opened or closed, or lacks methods of a `Plate`.
     """
     make = find_front_end(name)
     try:
         plate = make()
-    except Exception as error:  # a driver raises what it likes
+    except Exception as error:  # a driver may raise any error
         raise FrontEndError(f"front end {name} does not open: {error}") from error
     missing = [m for m in _METHODS if not callable(getattr(plate, m, None))]
     if missing:
@@ -96,23 +96,23 @@ def opened_front_end(name: str, *, by_clock: bool) -> Iterator[TimedFrontEnd]:
 
 
 class TimedFrontEnd:
-    """A front end whose calls are timed, and counted so that one that hangs is seen.
+    """A front end whose calls are timed, and counted to detect a call that hangs.
 
     Parameters
     ----------
     plate
-        The front end.
+        Front end.
     clock
-        Time in ns that only goes on; without one no call takes any.
+        Function that returns a monotonic time in ns; by default calls take no time.
 
     Attributes
     ----------
     took_us
-        How long the last call took.
+        Duration of the last call in us.
     calls
-        Calls begun and ended: odd while one goes on.
+        Number of begins and ends of calls: odd during a call.
     last
-        The drive that was put out last.
+        Last drive that was put out.
     """
 
     def __init__(self, plate: Plate, clock: Callable[[], int] = no_clock) -> None:
@@ -123,23 +123,23 @@ class TimedFrontEnd:
         self.last = Drive(0.0, 0.0)
 
     def put_out(self, drive: Drive) -> float:
-        """Put a drive out, as of a `Plate`."""
+        """Put a drive out, as a `Plate` does."""
         self.last = drive
         with self._timed():
             return self._plate.put_out(drive)
 
     def sample(self) -> Measurement | None:
-        """Return what is measured now, as of a `Plate`."""
+        """Return the present measurement, as a `Plate` does."""
         with self._timed():
             return self._plate.sample()
 
     def close(self) -> None:
-        """Let go of the hardware, as of a `Plate`."""
+        """Release the hardware, as a `Plate` does."""
         with self._timed():
             self._plate.close()
 
     def last_word(self) -> None:
-        """Ask for 0 V beside a call that hangs."""
+        """Request 0 V while another call hangs."""
         self._plate.put_out(Drive(0.0, self.last.frequency))
 
     @contextmanager
@@ -156,12 +156,12 @@ class TimedFrontEnd:
 def _close(name: str, plate: TimedFrontEnd) -> None:
     try:
         plate.close()
-    except Exception as error:  # a driver raises what it likes
+    except Exception as error:  # a driver may raise any error
         raise FrontEndError(f"front end {name} does not close: {error}") from error
 
 
 def _watch(name: str, plate: TimedFrontEnd, over: Event) -> None:
-    """Look at the calls again and again; end the process when one hangs."""
+    """Check the calls periodically; end the process if one hangs."""
     seen, looks = 0, 0
     while not over.wait(_LOOK_S):
         calls = plate.calls
@@ -172,7 +172,7 @@ def _watch(name: str, plate: TimedFrontEnd, over: Event) -> None:
 
 
 def _end(name: str, plate: TimedFrontEnd) -> None:
-    """Ask for 0 V in a thread of its own, which may hang as well, and end the process."""
+    """Request 0 V in a separate thread, which may hang as well, and end the process."""
     last = Thread(target=plate.last_word, daemon=True)
     last.start()
     last.join(_LAST_WORD_S)

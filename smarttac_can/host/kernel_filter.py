@@ -1,4 +1,4 @@
-"""Which frames the kernel drops before they cost anything, and how many it keeps."""
+"""Filters and buffers of the kernel: which frames it drops, and how many it keeps."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from smarttac_can.od.cia import CAN_ID_MASK
 _ID_KEY: Final = b"\xaearbitration_id"
 """Key of the identifier in a frame of udp_multicast, a map in MessagePack."""
 _ID_AT: Final = 20
-"""Its place after a time stamp of 8 bytes, as python-can writes it."""
+"""Offset of this key after a time stamp of 8 bytes, in the layout of python-can."""
 _UINT8, _UINT16, _PLAIN_END = 0xCC, 0xCD, 0x80
-"""What MessagePack puts before an integer of one byte, and of two; one below the last is plain."""
+"""MessagePack prefix of an integer of one byte, and of two; a byte below the third is the value."""
 _ID_BYTES: Final = 3
-"""Bytes of an identifier of 11 bits, at most."""
+"""Most bytes of an identifier of 11 bits."""
 _CHANNEL_AT: Final = 58
-"""Place of the text of the channel after the identifier: four keys, and three truth values."""
+"""Offset from the identifier to the text of the channel: four keys and three booleans."""
 
 _MOST_IDS: Final = 200
-"""A jump in such a program goes no farther than 255 instructions."""
+"""Limited because a jump in such a program spans at most 255 instructions."""
 _SO_ATTACH_FILTER: Final = 26
 _SO_RCVBUFFORCE: Final = 33
 _MOST_HELD: Final = 8 << 20
@@ -45,16 +45,16 @@ _OF_11_BITS: Final = _EXTENDED | CAN_ID_MASK
 
 
 def hear_only(bus: can.BusABC, can_ids: Iterable[int]) -> None:
-    """Make the kernel drop frames with other identifiers on their way to a bus of python-can.
+    """Let the kernel pass only frames with these identifiers to a bus of python-can.
 
-    What comes before the process has changed its mind is lost. Of udp_multicast frames in another
-    layout than python-can's pass. All pass on other interfaces, and where the system cannot: the
-    caller looks as well.
+    Frames dropped before a change of the identifiers are lost. All frames pass on interfaces
+    other than SocketCAN and udp_multicast, on systems without such filters, and on udp_multicast
+    in a layout other than python-can's. So the caller filters, too.
 
     Parameters
     ----------
     can_ids
-        Identifiers of 11 bits that are heard; more than 200 stand for all.
+        Identifiers of 11 bits to pass; if there are more than 200, all frames pass.
     """
     heard = sorted(can_ids)
     if isinstance(bus, SocketcanBus):
@@ -67,19 +67,19 @@ def hear_only(bus: can.BusABC, can_ids: Iterable[int]) -> None:
 
 
 def drop(bus: can.BusABC, can_ids: Iterable[int], own: bytes = b"") -> None:
-    """Make the kernel drop frames with these identifiers, and let all others in.
+    """Let the kernel drop frames with these identifiers, and pass all others.
 
     Parameters
     ----------
     can_ids
-        Identifiers of 11 bits, of which 200 count.
+        Identifiers of 11 bits to drop; only the first 200 are used.
     own
-        What the channel of the party's own frames begins with on udp_multicast, of whole words of 4
-        bytes: these echoes are dropped, too. Empty for none; SocketCAN has none.
+        First bytes of the channel in this party's own frames on udp_multicast, a multiple of 4
+        bytes: these echoes are dropped as well. Empty for none; SocketCAN has no echoes.
     """
     dropped = sorted(can_ids)[:_MOST_IDS]
     if isinstance(bus, SocketcanBus):
-        # A frame has to pass all: of 11 bits, and not this one, and not this one.
+        # A frame must pass all filters: 11 bits, and not this identifier, and not that one.
         rows = [(0, _EXTENDED), *[(can_id | _INVERTED, _OF_11_BITS) for can_id in dropped]]
         _set_option(bus, _CAN_RAW, _CAN_RAW_JOIN_FILTERS, struct.pack("=i", 1))
         filters_ = b"".join(struct.pack("=II", *row) for row in rows)
@@ -93,10 +93,10 @@ def _has_programs(bus: can.BusABC) -> bool:
 
 
 def hold_more(bus: can.BusABC) -> None:
-    """Make the kernel keep as many frames for a bus of python-can as it allows.
+    """Let the kernel keep as many frames for a bus of python-can as it allows.
 
-    What a process does not take in time, as on a machine that is busy, is lost beyond that; the
-    default keeps some 70 ms of a loop on udp_multicast. Privileged processes may have more.
+    Frames beyond that are lost if a busy machine reads them too late. The default is enough for
+    some 70 ms of a loop on udp_multicast. Privileged processes may keep more.
     """
     if isinstance(bus, SocketcanBus | UdpMulticastBus) and sys.platform == "linux":
         for option in (socket.SO_RCVBUF, _SO_RCVBUFFORCE):
@@ -104,7 +104,7 @@ def hold_more(bus: can.BusABC) -> None:
 
 
 def _program(can_ids: list[int], *, kept: bool, own: bytes = b"") -> list[_Row]:
-    """Compare the identifier in a frame: rows of code, jump if true, jump if false, constant."""
+    """Return a program for the identifier: rows of code, jump if true, jump if false, constant."""
     value = _UDP_HEADER + _ID_AT + len(_ID_KEY)
     two_bytes, one_byte, compare = 8, 11, 13
     look = _is_own(value + _CHANNEL_AT, own) if own else []
@@ -137,11 +137,11 @@ def _program(can_ids: list[int], *, kept: bool, own: bytes = b"") -> list[_Row]:
 
 
 def _is_own(channel: int, own: bytes) -> list[_Row]:
-    """Compare the channel, the index being the width of the identifier; drop or jump past them."""
+    """Return rows that drop own frames; the index register holds the width of the identifier."""
     words = struct.unpack(f">{len(own) // 4}I", own)
     past = 3 + 2 * len(words)
     rows = [
-        # A load beyond the end would drop the frame.
+        # A load beyond the end would drop the frame, so check the length first.
         (_LOAD_LENGTH, 0, 0, 0),
         (_JUMP_IF_NOT_BELOW, 0, past - 2, channel + _ID_BYTES + len(own)),
     ]
@@ -163,9 +163,9 @@ def _attach(bus: can.BusABC, program: list[_Row]) -> None:
 
 
 def _set_option(bus: can.BusABC, level: int, option: int, value: bytes) -> None:
-    """Set an option of the bus's socket where the system can.
+    """Set an option of the bus's socket if the system supports it.
 
-    It is set by the descriptor. A second socket object of it would stay open if a signal came
+    The descriptor is used directly. A second socket object would stay open if a signal came
     between its constructor and the block that closes it.
     """
     ctypes.CDLL(None).setsockopt(bus.fileno(), level, option, value, len(value))

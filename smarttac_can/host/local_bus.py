@@ -1,4 +1,4 @@
-"""A CAN bus inside one process: no thread, no waiting, the same run twice gives the same bits."""
+"""A CAN bus inside one process: no threads, no waiting, the same bits in every run."""
 
 from __future__ import annotations
 
@@ -16,30 +16,30 @@ from smarttac_can.vocabulary.signals import TICK_US
 _STORM_FRAMES = 100_000
 _MAX_DATA_BYTES = 8
 _SEGMENTS = 127
-"""Frames of an SDO transfer that are taken at a time: those of one block."""
+"""Frames of an SDO transfer taken at a time: those of one block."""
 
 _Receive = Callable[[Frame], list[Frame] | None]
 _Hearers = tuple[tuple["Connection", _Receive], ...]
 
 
 class Wire(Protocol):
-    """What carries frames between the parties of a `LocalBus`, one frame at a time."""
+    """Carrier of the frames between the parties of a `LocalBus`, one frame at a time."""
 
     def connect(self, port: Connection) -> None:
-        """Let a party speak and hear."""
+        """Connect a party."""
 
     def disconnect(self, port: Connection) -> None:
-        """Forget a party."""
+        """Disconnect a party."""
 
     def put(self, port: Connection, frame: Frame) -> None:
-        """Take a frame from its sender."""
+        """Accept a frame from its sender."""
 
     def get(self, port: Connection) -> Frame:
-        """Return the frame as it reached another party, each of which asks for it once."""
+        """Return the last frame as another party receives it; called once per party."""
 
 
 class Connection:
-    """One party's place on a `LocalBus`; got from `LocalBus.connect` or `LocalBus.attach`."""
+    """Connection of a party to a `LocalBus`, from `LocalBus.connect` or `LocalBus.attach`."""
 
     __slots__ = ("_bus", "_lockstep", "_node", "_others", "_receive", "_ticked")
 
@@ -52,16 +52,16 @@ class Connection:
         self._ticked: _Hearers = ()
 
     def send(self, frame: Frame) -> None:
-        """Send a frame to every other party; return when the bus has come to rest.
+        """Send a frame to all other parties; return when no frames are left.
 
-        From inside a delivery the frame is queued behind those already waiting.
+        During a delivery the frame is queued behind the waiting ones.
 
         Raises
         ------
         ValueError
-            For more than 8 data bytes.
+            If there are more than 8 data bytes.
         BusError
-            If the parties keep answering each other without end.
+            If the parties answer each other endlessly.
         """
         size = len(frame.data)
         if size > _MAX_DATA_BYTES:
@@ -69,32 +69,32 @@ class Connection:
         self._bus._send(self, (frame,))
 
     def close(self) -> None:
-        """Pull the plug: neither hears nor is heard from now on, and says nothing more."""
+        """Disconnect: the party neither receives nor sends from now on."""
         self._bus._remove(self)
 
 
 class LocalBus:
-    """A bus that delivers frames in the order they were caused, at once and without threads.
+    """A bus that delivers frames in the order of their causes, at once and without threads.
 
-    Time stands still unless a node in lockstep is there and a SYNC passes, or `advance` is called:
-    both move the timers of the nodes and the clock of the bus. On top of the ticks the clock counts
-    how long each frame holds the bus at worst, so a time stamp is the end of a frame.
+    Time passes only when a SYNC reaches a node in lockstep, and by `advance`. Both move the timers
+    of the nodes and the clock of the bus. In addition, the clock counts the longest duration of
+    each frame on the bus, so a time stamp is the end of a frame.
 
     Parameters
     ----------
     sync_id
         COB-ID of the SYNC that is the tick of the nodes in lockstep.
     bit_rate
-        Bit rate in bit/s, above 0; only for the time stamps.
+        Bit rate in bit/s, above 0; used only for the time stamps.
     log
-        Called with the time stamp in us and the frame, for every frame.
+        Function called with the time stamp in us and the frame, for every frame.
     wire
-        Carries the frames; None hands them over.
+        Carrier of the frames; None for direct delivery.
 
     Attributes
     ----------
     time
-        Time on the bus in us since it was made; never runs backwards.
+        Time on the bus in us since its creation; never decreases.
     """
 
     def __init__(
@@ -110,7 +110,7 @@ class LocalBus:
         self._sync_id = sync_id
         self._log = log
         self._wire = wire
-        # Rounded up: a time stamp is a worst case.
+        # Rounded up, because a time stamp is a worst case.
         self._durations = [
             -(-frame_bits(n) * 1_000_000 // bit_rate) for n in range(_MAX_DATA_BYTES + 1)
         ]
@@ -122,16 +122,16 @@ class LocalBus:
         self._draining = False
 
     def attach(self, node: Node, *, lockstep: bool = True) -> Connection:
-        """Plug in a node and switch it on.
+        """Attach a node and switch it on.
 
         Parameters
         ----------
         node
-            Starts now; its boot-up message goes to the parties that are already there.
+            Node to start now; its boot-up message goes to the parties that are already there.
         lockstep
-            True: its timers advance 1000 us when the SYNC of another party reaches it, just before
-            it receives that SYNC. False: they only move with `advance`, SYNC is a frame like any
-            other; the way to run a node that has its own ticker, or that produces the SYNC.
+            If True, the timers of the node advance by 1000 us just before it receives the SYNC of
+            another party. If False, they advance only by `advance`, and SYNC is an ordinary frame;
+            for nodes that have their own clock, or produce the SYNC.
         """
         port = Connection(self, node.receive, node, lockstep)
         self._add(port)
@@ -139,7 +139,7 @@ class LocalBus:
         return port
 
     def connect(self, listener: Callable[[Frame], None]) -> Connection:
-        """Plug in a party: it hears every frame of the others, and sends by its port."""
+        """Connect a party: it receives every frame of the others, and sends through its port."""
         port = Connection(self, listener, None, False)
         self._add(port)
         return port
@@ -150,7 +150,7 @@ class LocalBus:
         Parameters
         ----------
         microseconds
-            0 or more. A rest shorter than a tick of 1000 us makes a shorter last step.
+            Time in us, 0 or more. If it is not a multiple of 1000 us, the last step is shorter.
         """
         if microseconds < 0:
             raise ValueError(f"microseconds {microseconds} is below 0")
@@ -164,7 +164,7 @@ class LocalBus:
             self._drain()
 
     def shutdown(self) -> None:
-        """Shut every node down, in the order they were attached, and deliver what they say."""
+        """Shut down all nodes in the order of attachment, and deliver their frames."""
         for port in tuple(self._ports):
             if port._node is not None:
                 self._send(port, port._node.shutdown())
@@ -183,7 +183,7 @@ class LocalBus:
             self._link_ports()
 
     def _link_ports(self) -> None:
-        # Who hears whom is settled here, once, to keep it out of every delivery.
+        # Computed once here, not at every delivery.
         for port in self._ports:
             others = [p for p in self._ports if p is not port]
             port._others = tuple([(p, p._receive) for p in others])
@@ -233,14 +233,14 @@ class LocalBus:
                         if replies:
                             queue.append((port, replies))
         finally:
-            # After an error nothing of the old cause may turn up in the next delivery.
+            # After an error no frame of this delivery may appear in the next one.
             queue.clear()
             self._draining = False
 
     def _stream(self) -> bool:
-        """Take what goes on as fast as the bus takes it, when nothing else waits; if there is any.
+        """Queue the next segments when no other frame waits; return whether there are any.
 
-        A bus on which nobody streams comes to rest.
+        Without segments the bus comes to rest.
         """
         for port in self._ports:
             if port._node is not None:
@@ -251,7 +251,7 @@ class LocalBus:
 
 
 def _receive_tick(port: Connection) -> _Receive:
-    """Return what a party does with the SYNC that is a tick: in lockstep its timers advance."""
+    """Return the function with which a party receives a SYNC: in lockstep its timers advance."""
     node = port._node
     if node is None or not port._lockstep:
         return port._receive

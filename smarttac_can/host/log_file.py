@@ -1,6 +1,6 @@
-"""Logs of bus traffic, frame by frame: in the formats that python-can reads, and candump's written.
+"""Logs of bus traffic, frame by frame: read in the formats of python-can, written as candump.
 
-A candump log is one of ``candump -L`` (can-utils).
+A candump log has the format of ``candump -L`` (can-utils).
 """
 
 from __future__ import annotations
@@ -28,22 +28,22 @@ _TEXT: Final[dict[str, Any]] = {
 }
 _BINARY: Final[dict[str, Any]] = {".blf": can.BLFReader}
 LOG_SUFFIXES: Final = (*_TEXT, *_BINARY)
-"""Of the logs that can be read."""
+"""Suffixes of the logs that can be read."""
 
 OnCut = Callable[[str], object]
-"""Called with what to show of a log that is cut."""
+"""Function called with a line for the user about a log that is cut off."""
 
 
 class CandumpWriter:
     """Writes a line like ``(0000000001.000055) can0 0A1#0102`` for each frame.
 
-    python-can's own writer takes the time as a float and adds a direction; a log that is compared
-    byte by byte wants neither.
+    python-can's own writer uses a float for the time and adds a direction. Both are unsuitable for
+    logs that are compared byte by byte.
 
     Parameters
     ----------
     file
-        Open for text; stays the caller's to close.
+        Open text file; the caller closes it.
     channel
         Name of the bus in the log, without spaces.
     """
@@ -55,34 +55,34 @@ class CandumpWriter:
         self._channel = channel
 
     def write(self, microseconds: int, frame: Frame) -> None:
-        """Write the line of one frame, with a time in us; fits as the log hook of a bus."""
+        """Write the line of a frame with its time in us; usable as the log hook of a bus."""
         seconds, rest = divmod(microseconds, 1_000_000)
         data = "R" if frame.rtr else frame.data.hex().upper()
         self._write(f"({seconds:010d}.{rest:06d}) {self._channel} {frame.can_id:03X}#{data}\n")
 
 
 def read_log(path: Path, on_cut: OnCut | None = None) -> Iterator[tuple[int, Frame]]:
-    """Read a log frame by frame, in the format that its suffix stands for.
+    """Read a log frame by frame, in the format selected by its suffix.
 
     Parameters
     ----------
     path
-        A candump (``.log``), ASC, BLF, CSV or TRC.
+        Log in the format candump (``.log``), ASC, BLF, CSV or TRC.
     on_cut
-        Called with a line to show where the last line of a log is cut, as of a logger that was
-        killed: it is left out. Without, that is an error.
+        Function called with a line for the user if the last line is cut off, as after a killed
+        logger; that line is skipped. Without it, a cut line is an error.
 
     Yields
     ------
     tuple of int and Frame
-        Time stamp in us, and the frame; error, extended and CAN FD frames are passed over.
+        Time stamp in us, and the frame; error, extended and CAN FD frames are skipped.
 
     Raises
     ------
     OSError
-        If it is no regular file, or cannot be read.
+        If the file is not a regular file, or cannot be read.
     ValueError
-        If it is none of these, or where it is cut or damaged; names the line.
+        If it has another format, or is cut or damaged; the message names the line.
     """
     if is_frame_log(path):
         raise ValueError(
@@ -98,14 +98,14 @@ def read_log(path: Path, on_cut: OnCut | None = None) -> Iterator[tuple[int, Fra
 
 
 def read_candump(path: Path, on_cut: OnCut | None = None) -> Iterator[tuple[int, Frame]]:
-    """Read a candump log, whatever its suffix; all else as `read_log`.
+    """Read a candump log with any suffix; otherwise as `read_log`.
 
     Parameters
     ----------
     path
-        The log, of can-utils, python-can or `CandumpWriter`.
+        Log written by can-utils, python-can or `CandumpWriter`.
     on_cut
-        As of `read_log`.
+        As for `read_log`.
     """
     return _read_text(path, _CANDUMP, on_cut)
 
@@ -127,9 +127,9 @@ def _kind(suffix: str) -> str:
 
 
 def _read(stream: Any, reader: Any, refusal: Callable[[], str]) -> Iterator[tuple[int, Frame]]:
-    """Turn messages of python-can into frames with their times in us.
+    """Convert messages of python-can to frames with their times in us.
 
-    `refusal` returns what the error says where the log cannot be read.
+    If the log cannot be read, `refusal` returns the text of the error.
     """
     messages: Iterator[can.Message] | None = None
     while True:
@@ -140,7 +140,7 @@ def _read(stream: Any, reader: Any, refusal: Callable[[], str]) -> Iterator[tupl
             time = 0 if message is None else round(message.timestamp * 1e6)
         except OSError:
             raise
-        except Exception as error:  # the formats raise what they like
+        except Exception as error:  # formats raise errors of any type
             raise ValueError(refusal()) from error
         if message is None:
             return
@@ -150,7 +150,7 @@ def _read(stream: Any, reader: Any, refusal: Callable[[], str]) -> Iterator[tupl
 
 
 class _Lines(TextIOWrapper):
-    """The lines of a log, none of which is read further than a frame can go."""
+    """The lines of a log, read only up to the longest line of a frame."""
 
     def __init__(self, path: Path, on_cut: OnCut | None) -> None:
         super().__init__(open_regular(path), encoding="utf-8", errors="replace")
@@ -159,7 +159,7 @@ class _Lines(TextIOWrapper):
         self._number = 0
         self._line = ""
 
-    def __next__(self) -> str:  # type: ignore[override] # typeshed has it that of bytes
+    def __next__(self) -> str:  # type: ignore[override] # typeshed declares that of bytes
         line = self._line = self.readline(_LONGEST_LINE)
         if not line:
             raise StopIteration
@@ -172,7 +172,7 @@ class _Lines(TextIOWrapper):
         return line
 
     def refusal(self, kind: str) -> str:
-        """Return the error for the last line read, which is no line of such a log."""
+        """Return the error for the last line read, which does not fit the format."""
         where = f"{self._path}, line {self._number}"
         line = self._line
         if not line:

@@ -1,4 +1,4 @@
-"""What a sans-IO CANopen node looks like to whoever runs it."""
+"""The interface of a sans-IO CANopen node to its host."""
 
 from __future__ import annotations
 
@@ -25,42 +25,42 @@ class Node(Protocol):
     """A CANopen node without clock, bus or thread: frames and time in, frames out."""
 
     def start(self) -> list[Frame]:
-        """Switch the power on; the boot-up message is among the frames."""
+        """Switch the power on; the returned frames contain the boot-up message."""
 
     def receive(self, frame: Frame) -> list[Frame]:
-        """Take one frame from the bus; return what the node answers, in order."""
+        """Receive a frame from the bus; return the answers of the node, in order."""
 
     def advance(self, microseconds: int) -> list[Frame]:
-        """Let so many us pass for the node; return the frames that fell due, in order."""
+        """Advance the time of the node by some us; return the frames of due timers, in order."""
 
     def segments(self, most: int) -> list[Frame]:
-        """Return the next frames, at most so many, of transfers limited by the bus alone."""
+        """Return the next frames, at most `most`, of transfers that are limited only by the bus."""
 
     def shutdown(self) -> list[Frame]:
-        """Leave the plate at 0 V; return the frames that tell the others."""
+        """Leave the plate at 0 V; return the frames that report it."""
 
 
 class HostedNode(Node, Protocol):
-    """A node that runs on a bus which may be slow, by a clock that may be late."""
+    """A node for a bus that may be slow and a clock that may be late."""
 
     @property
     def clock(self) -> Clock:
-        """Device time: moved by `advance`, or by who runs the node in real time."""
+        """Device time: moved by `advance`, or in real time by the host."""
 
     @property
     def ids(self) -> Identifiers:
-        """CAN-IDs of SYNC, of what the node hears and of its urgent frames.
+        """CAN-IDs of SYNC, of received frames and of urgent frames of the node.
 
         A new object if they change.
         """
 
     def overtaken(self, frame: Frame) -> list[Frame]:
-        """Take a frame that is overtaken, as `is_overtaken` says; return the answers."""
+        """Receive a frame that is superseded, as `is_overtaken` tells; return the answers."""
 
     def overdue(self) -> list[Frame]:
-        """Act on deadlines that have passed, before the frames that wait are heard.
+        """Act on elapsed deadlines before waiting frames are received.
 
-        The host calls it before timers and frames, late or not.
+        The host calls it before timers and frames, even when it is on time.
         """
 
     def transmit_failed(self) -> list[Frame]:
@@ -68,21 +68,21 @@ class HostedNode(Node, Protocol):
 
 
 class Connected(Protocol):
-    """Somebody whose connection to the bus may fail, and come back."""
+    """A party whose connection to the bus may fail and recover."""
 
     def bus_off(self) -> list[Frame]:
-        """Record that there is no bus; what is returned reaches nobody."""
+        """Record that the bus is lost; the returned frames are not sent."""
 
     def bus_recovered(self) -> list[Frame]:
-        """Record that the bus is there again; return what the node sends for it."""
+        """Record that the bus is back; return the frames that the node sends for it."""
 
 
 class ConnectedNode(Node, Connected, Protocol):
-    """A node whose connection to the bus may fail, and come back."""
+    """A node whose connection to the bus may fail and recover."""
 
 
 def without_queue(node: Node) -> Callable[[Frame], list[Frame]]:
-    """Make a `Node.receive` that answers with the segments as well, for a bus that takes all."""
+    """Return a `Node.receive` that also returns all segments, for a bus of unlimited speed."""
     receive, segments = node.receive, node.segments
 
     def receive_all(frame: Frame) -> list[Frame]:

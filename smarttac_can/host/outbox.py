@@ -1,4 +1,4 @@
-"""Frames on their way to a bus: those of the loop first, and nothing here waits."""
+"""Queue of frames for a bus: urgent frames first, and without waiting."""
 
 from __future__ import annotations
 
@@ -13,34 +13,35 @@ from smarttac_can.od.cia import BOOT_UP, HEARTBEAT_ID, LAST_NODE_ID
 from smarttac_can.vocabulary.signals import TICK_US
 
 _MOST_WAITING: Final = 64
-"""Frames of no urgency, or emergency messages, that wait before the oldest is dropped."""
+"""Most waiting frames that are not urgent, or emergency messages; then the oldest is dropped."""
 
 
 _ERROR_CONTROL: Final = range(HEARTBEAT_ID + 1, HEARTBEAT_ID + LAST_NODE_ID + 1)
 
 
 class Taker(Protocol):
-    """Where frames go: a `Bus`, or what stands for one."""
+    """Receiver of frames: a `Bus`, or a substitute."""
 
     def send(self, frame: Frame) -> None:
-        """Take a frame, or raise QueueFullError."""
+        """Accept a frame, or raise QueueFullError."""
 
 
 class Outbox:
-    """Hands the frames of a node over as fast as the bus takes them.
+    """Hands the frames of a node over as fast as the bus accepts them.
 
-    Urgent frames go first. One that the bus has not taken a tick after it was made is a fault: the
-    node is told, and of those that wait only emergency messages, and what the node says then, are
-    kept. Other frames wait, and never count; a boot-up message drops those.
+    Urgent frames go first. It is a fault if the bus has not accepted an urgent frame within a tick.
+    The node is then informed, and of the urgent frames only emergency messages and the new frames
+    of the node are kept. For other frames there is no time limit; a boot-up message drops them.
 
     Parameters
     ----------
     node
-        The frames are its own.
+        Node that sends the frames.
     bus
-        Never asked to wait.
+        Bus for the frames; `send` must not wait.
     full
-        Called when a fault begins, with the text of the bus; it ends when all was handed over.
+        Function called when a fault begins, with the error of the bus. The fault ends when all
+        frames have been handed over.
     """
 
     def __init__(
@@ -55,17 +56,17 @@ class Outbox:
 
     @property
     def empty(self) -> bool:
-        """Whether nothing waits."""
+        """Whether no frames wait."""
         return not self._urgent and not self._others
 
     def put(self, frames: Iterable[Frame]) -> None:
-        """Take frames of the node, made now."""
+        """Queue frames that the node has just made."""
         if not frames:
             return
         urgent = self._node.ids.urgent
         for frame in frames:
             if frame.data == BOOT_UP and frame.can_id in _ERROR_CONTROL:
-                # What still waits is of before the reset.
+                # Frames that still wait are from before the reset.
                 self._others.clear()
             if frame.can_id in urgent:
                 self._urgent.append((self._node.clock.now + TICK_US, frame))
@@ -75,7 +76,7 @@ class Outbox:
             self._others.popleft()
 
     def hand_over(self) -> bool:
-        """Hand the next frame over; return whether another one may follow at once."""
+        """Hand over the next frame; return whether another one may follow at once."""
         if self.empty:
             return False
         try:
@@ -93,7 +94,7 @@ class Outbox:
         return not self.empty
 
     def _give_up(self, reason: QueueFullError) -> None:
-        """Drop urgent frames whose cycle is over, but for emergencies, and tell the node."""
+        """Drop urgent frames of past cycles, except emergency messages, and inform the node."""
         if not self._urgent or self._urgent[0][0] > self._node.clock.now:
             return
         emcy_id = self._node.ids.emcy

@@ -1,6 +1,6 @@
-"""What ends a process in its own time: signals, as a question a loop can ask, and its parent's end.
+"""End a process properly: by signals that a loop can poll, and together with its parent.
 
-Whatever this project begins as a process calls `end_with_parent` there.
+Each process that this project starts calls `end_with_parent`.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ _ENDING = [
     for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGXCPU")  # Windows has the first two
     if hasattr(signal, name)
 ]
-"""SIGXCPU is for a process of real-time priority that does not wait any more."""
+"""SIGXCPU comes to a process of real-time priority that does not wait any more."""
 
 _PARTING_S: Final = 5.0
 _SOME_BYTES: Final = 4096
 
 
 def end_with_parent() -> None:
-    """End this process with the one that began it, even if that is killed, as SIGTERM does.
+    """End this process when its parent ends, even if that is killed, by SIGTERM.
 
-    It ends in 5 s in any case. A process of `multiprocessing` knows its parent; any other has for
-    its standard input a pipe whose other end the parent holds.
+    It ends within 5 s in any case. A process of `multiprocessing` knows its parent. Any other one
+    needs a pipe as its standard input whose other end the parent holds.
     """
     threading.Thread(target=_wait_for_parent, daemon=True).start()
 
@@ -49,12 +49,12 @@ def _wait_for_parent() -> None:
 
 @contextmanager
 def stop_on_signals() -> Iterator[Callable[[], bool]]:
-    """Catch SIGINT, SIGTERM, a closed terminal and SIGXCPU in the block, then let go of them.
+    """Catch SIGINT, SIGTERM, SIGHUP (closed terminal) and SIGXCPU during the block.
 
     Yields
     ------
     Callable
-        Whether one of them has come. To be used in the main thread, as Python asks for.
+        Returns whether one of them has come. Only for the main thread, as Python requires.
     """
     caught: list[int] = []
 
@@ -71,9 +71,9 @@ def stop_on_signals() -> Iterator[Callable[[], bool]]:
 
 @contextmanager
 def sigterm_interrupts() -> Iterator[None]:
-    """Have SIGTERM end the block as Ctrl-C does, by `KeyboardInterrupt`, so that it is cleaned up.
+    """Let SIGTERM end the block like Ctrl-C, by `KeyboardInterrupt`, so that it is cleaned up.
 
-    Outside of the main thread, or where somebody else handles SIGTERM, it does nothing.
+    It does nothing outside the main thread, or if SIGTERM has another handler.
     """
     main = threading.current_thread() is threading.main_thread()
     if not main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
@@ -88,14 +88,14 @@ def sigterm_interrupts() -> Iterator[None]:
 
 @contextmanager
 def interrupt_waits() -> Iterator[Callable[[], bool]]:
-    """Have Ctrl-C wait until the block asks for it, so that nothing is torn; a second one acts.
+    """Delay Ctrl-C until the block polls for it, so that no step is cut; a second one acts at once.
 
-    Outside of the main thread, or where somebody else handles Ctrl-C, it does nothing.
+    It does nothing outside the main thread, or if Ctrl-C has another handler.
 
     Yields
     ------
     Callable
-        Whether Ctrl-C has come.
+        Returns whether Ctrl-C has come.
     """
     main = threading.current_thread() is threading.main_thread()
     if not main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:

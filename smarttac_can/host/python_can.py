@@ -19,25 +19,25 @@ from smarttac_can.host.can_socket import QUEUE_FULL, open_socket
 from smarttac_can.host.drivers import opening
 
 _THIS_COMPUTER: Final = 0
-"""Hop limit of IP; 1 is the network that the computer is in."""
+"""Hop limit of IP; 1 would be the local network of the computer."""
 
 
 def configured(options: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the options that `can.Bus` makes of these: with its files, and texts understood."""
+    """Return the options that `can.Bus` uses: with its configuration files, and texts parsed."""
     if options.get("ignore_config"):
         return options
-    # Which bus it is comes from the configuration if it is not given.
+    # Interface and channel come from the configuration if they are not given.
     left = [key for key in ("interface", "channel") if options.get(key) is None]
     given = {key: value for key, value in options.items() if key not in left}
-    context = options.get("config_context", options.get("context"))  # its older name
+    context = options.get("config_context", options.get("context"))  # former name
     return cast("Mapping[str, Any]", load_config(config=given, context=context))
 
 
 def kept_here(options: Mapping[str, Any]) -> dict[str, Any]:
     """Return options of `can.Bus` with which frames of udp_multicast stay on this computer.
 
-    Unless ``hop_limit`` is among the options or in python-can's configuration. By python-can's own
-    default they go out into the local network, to whoever uses the same group there.
+    This applies unless ``hop_limit`` is an option or in python-can's configuration. By default
+    python-can sends them into the local network, to all users of the same group.
     """
     known = configured(options)
     if known.get("interface") != "udp_multicast" or "hop_limit" in known:
@@ -46,7 +46,7 @@ def kept_here(options: Mapping[str, Any]) -> dict[str, Any]:
 
 
 _REFUSING_S = 0.1
-"""How long a driver that does not say why may take no frame before its bus is lost."""
+"""Time in s for which a driver may refuse frames without a reason before the bus is lost."""
 _STRAY_S = 0.1
 _READING_S = 0.001
 
@@ -69,22 +69,22 @@ def to_frame(message: can.Message) -> Frame | None:
 
 
 def hears_others_of_process(bus: can.BusABC) -> bool:
-    """Whether another handle on the same bus, in this process too, hears what this one sends."""
+    """Return whether another handle on this bus, also of this process, receives sent frames."""
     return isinstance(bus, SocketcanBus | UdpMulticastBus | VirtualBus)
 
 
 def is_stray(bus: can.BusABC, error: Exception) -> bool:
-    """Whether a bus has received what is no message: anybody may send anything to a group."""
+    """Return whether a bus has received an invalid message; anybody may send to a group."""
     if not isinstance(bus, UdpMulticastBus) or not isinstance(error, can.CanOperationError):
         return False
-    # A bus that fails has an OSError for its cause, or none.
+    # If the bus has failed, the cause is an OSError, or there is none.
     return error.__cause__ is not None and not isinstance(error.__cause__, OSError)
 
 
 def received(bus: can.BusABC, timeout: float) -> can.Message | None:
-    """Return the next message of a bus, None if none came within so many s.
+    """Return the next message of a bus, None if none came within `timeout` s.
 
-    What is no message is passed over, for 0.1 s longer at most: it may come without end.
+    Invalid messages are skipped, for at most 0.1 s longer, because they may be endless.
     """
     end = monotonic() + timeout
     while True:
@@ -98,22 +98,22 @@ def received(bus: can.BusABC, timeout: float) -> can.Message | None:
 
 
 class PythonCanBus:
-    """One party's connection to a bus of python-can.
+    """A connection to a bus of python-can.
 
     Parameters
     ----------
     interface, channel, bitrate
-        As python-can has them. What is not given comes from python-can's configuration: the
+        Arguments of python-can; what is omitted comes from python-can's configuration: the
         environment (``CAN_INTERFACE``, ...) or its files (``~/.canrc``, ``can.ini``, ...).
     options
-        Anything else the interface takes, e.g. ``port=`` for udp_multicast, whose frames stay on
-        this computer unless ``hop_limit=`` is given, or configured.
+        Other options of the interface, e.g. ``port=`` for udp_multicast, whose frames stay on
+        this computer unless ``hop_limit=`` is given or configured.
 
     Attributes
     ----------
     send, wait, read, block
-        As `Bus` has them. Of socketcan and udp_multicast they are those of the socket, which never
-        wait. Other interfaces send by their driver, which decides.
+        Methods of a `Bus`. For socketcan and udp_multicast they use the socket and `send` never
+        waits. For other interfaces the driver decides.
 
     Raises
     ------
@@ -142,7 +142,7 @@ class PythonCanBus:
         self._came: deque[Frame] = deque()
 
     def receive(self, timeout: float) -> Frame | None:
-        """Return the next frame of another party, None if none came within so many s.
+        """Return the next frame of another party, None if none came within `timeout` s.
 
         Raises
         ------
@@ -165,7 +165,7 @@ class PythonCanBus:
         Raises
         ------
         BusError
-            If the driver fails at it.
+            If the driver fails to close.
         """
         if self._socket is not None:
             self._socket.close()
@@ -176,12 +176,12 @@ class PythonCanBus:
 
 
 class _Driver:
-    """A bus whose driver alone knows how to use it."""
+    """A bus that is used through its driver."""
 
     def __init__(self, bus: can.BusABC) -> None:
         self._bus = bus
         self._first: can.Message | None = None
-        """What came while it was waited for."""
+        """Message received by `wait`."""
         self._refusing_since: float | None = None
 
     def send(self, frame: Frame) -> None:
@@ -209,7 +209,7 @@ class _Driver:
                 return True
 
     def block(self, can_ids: frozenset[int]) -> None:
-        """Let everything pass: what a driver filters costs as much as what is passed over."""
+        """Do nothing: filtering in a driver costs as much as ignoring the frames."""
 
     def _receive(self, timeout: float) -> can.Message | None:
         try:

@@ -1,4 +1,4 @@
-"""What a process asks of the operating system so that its cycles come in time."""
+"""Requests of a process to the operating system for punctual cycles."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ from typing import Final
 
 _LOCK_NOW_AND_LATER: Final = 1 | 2
 _WITHOUT_SLEEP_S: Final = 1.0
-"""Processor time without one wait after which the kernel ends a real-time process. The runner rests
-far more often: who gets there hangs."""
+"""Processor time in s without a wait after which the kernel ends a real-time process. The runner
+rests far more often, so such a process hangs."""
 _KILLED_S: Final = 3.0
 _COLLECT_S: Final = 1.0
 _SLICE_NS: Final = 100_000
-"""The shortest that Linux takes."""
+"""Shortest time slice that Linux accepts."""
 _LATENCY_REQUEST: Final = Path("/dev/cpu_dma_latency")
 _SCHED_SETATTR: Final = {"x86_64": 314, "aarch64": 274}
-"""Numbers of that system call, which Python does not have."""
+"""Numbers of this system call, which Python does not offer."""
 
 
 @contextmanager
 def collecting_between_cycles() -> Iterator[Callable[[], None]]:
-    """Keep garbage collection out of the way while the block runs.
+    """Run the garbage collection during the block only when its caller has time.
 
-    What there is at the beginning is never looked at again; of what comes then, Python collects
-    nothing by itself.
+    Objects that exist at the beginning are never collected. Newer ones are collected only by the
+    function that this yields.
 
     Yields
     ------
     Callable
-        To be called when there is time: collects once a second.
+        Function to call when there is time: it collects once a second.
     """
     enabled = gc.isenabled()
     gc.collect()
@@ -62,9 +62,9 @@ def collecting_between_cycles() -> Iterator[Callable[[], None]]:
 
 
 def request_short_slices() -> None:
-    """Ask the scheduler for short time slices, so that this process is woken without delay.
+    """Request short time slices, so that the scheduler wakes this process without delay.
 
-    A hint that needs no privilege. Linux takes it from 6.12 on; elsewhere nothing happens.
+    It needs no privilege. Linux supports it from 6.12 on; elsewhere nothing happens.
     """
     number = _SCHED_SETATTR.get(platform.machine()) if sys.platform == "linux" else None
     if number is not None:
@@ -93,30 +93,30 @@ class _SchedulingAttributes(ctypes.Structure):
 
 
 def request_real_time(priority: int, cpu: int | None) -> list[str]:
-    """Ask for a real-time priority and for memory that stays, and for one processor.
+    """Request a real-time priority, locked memory and a fixed processor.
 
     Parameters
     ----------
     priority
-        Of SCHED_FIFO, 1..99.
+        Priority of SCHED_FIFO, 1..99.
     cpu
-        Number of the processor to stay on; None for any.
+        Number of the processor to run on; None for any.
 
     Returns
     -------
     list of str
-        What the system has refused, a line each, with the cure.
+        A line for each request that the system has refused, with the cure.
 
     Raises
     ------
     ValueError
-        If there is no such processor, or it is not for this process.
+        If there is no such processor, or this process may not use it.
 
     Notes
     -----
-    The policy is that of the calling thread, not of threads that it starts from then on. A process
-    at this priority that never waits would have its processor for itself: RLIMIT_RTTIME ends it
-    with SIGXCPU after 1 s, which is to be handled as SIGTERM is, and with SIGKILL after 3 s.
+    The policy applies to the calling thread, not to threads that it starts later. A process at this
+    priority that never waits would block its processor. So RLIMIT_RTTIME ends it with SIGXCPU after
+    1 s, to be handled like SIGTERM, and with SIGKILL after 3 s.
     """
     if sys.platform != "linux":
         return [f"real time: {sys.platform} has no SCHED_FIFO for us, going on without"]
@@ -145,15 +145,15 @@ def request_real_time(priority: int, cpu: int | None) -> list[str]:
 
 
 def keep_processors_awake() -> list[str]:
-    """Ask that no processor goes to sleep from now on, while this process lives.
+    """Request that no processor sleeps from now on, as long as this process lives.
 
-    One that sleeps is woken late: by some us on bare metal, by more on a virtual machine, whose
-    host gives a processor that rests to others. It takes power.
+    A sleeping processor is woken late: by some us on bare metal, by more on a virtual machine,
+    whose host gives an idle processor to others. The request costs power.
 
     Returns
     -------
     list of str
-        What the system has refused, with the cure: at most one line.
+        At most one line: the request that the system has refused, with the cure.
     """
     if sys.platform != "linux":
         return []
@@ -164,7 +164,7 @@ def keep_processors_awake() -> list[str]:
         except OSError:
             os.close(request)
             raise
-        # The request lasts for as long as the file is open, which nobody closes.
+        # The request lasts as long as the file is open; it is closed only with the process.
     except OSError as error:
         return [
             f"real time: processors that sleep are woken late, and {_LATENCY_REQUEST} is refused "

@@ -1,4 +1,4 @@
-"""A connection that outlives its interface: unplugged and plugged in again, down and up."""
+"""A connection that survives its interface being unplugged, or set down, and up again."""
 
 from __future__ import annotations
 
@@ -15,34 +15,34 @@ from smarttac_can.host.node import Connected
 FIRST_WAIT_S = 0.1
 LONGEST_WAIT_S = 5.0
 _STEADY_S = 1.0
-"""A bus that was back for a shorter time is tried again at the growing intervals."""
+"""If the bus fails sooner after it came back, the intervals keep growing."""
 _NAP_S = 0.02
 
 
 class ReconnectingBus:
     """Opens its bus again, at growing intervals, whenever it has failed.
 
-    Whoever uses it calls `lose` with the BusError that a method has raised. While there is no bus,
-    frames are dropped: they are about a moment that is over when it is back. It is back when it can
-    be read: SocketCAN opens an interface that is still down.
+    The user calls `lose` with the BusError that a method has raised. While there is no bus, frames
+    are dropped, because they would be outdated later. The bus is back when it can be read, as
+    SocketCAN also opens an interface that is still down.
 
     Parameters
     ----------
     open_bus
-        Opens the bus; raises BusError. Called at once, and then must not fail.
+        Function that opens the bus or raises BusError. Called at once; it must not fail then.
     node
-        Called when the bus is lost and when it is back; the latter returns frames to send.
+        Party that is informed when the bus is lost, and when it is back; it then returns frames.
     lost
-        Called then with the reason, for people.
+        Function called when the bus is lost, with the reason for people.
     back
-        Called when it is there again.
+        Function called when the bus is back.
     clock, pause
-        Monotonic time in s, and a wait of so many s.
+        Function that returns monotonic time in s, and function that waits for a time in s.
 
     Attributes
     ----------
     send, wait, read
-        As `Bus` has them: those of the bus itself, while it is there.
+        Methods of a `Bus`: those of the opened bus while there is one.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class ReconnectingBus:
         self._wait = FIRST_WAIT_S
         self._next_try = 0.0
         self._back_at = -inf
-        self._owed: deque[Frame] = deque()
+        self._pending: deque[Frame] = deque()
         self._blocked: frozenset[int] = frozenset()
         self._on_trial = False
         self._bus: Bus | None = None
@@ -74,7 +74,7 @@ class ReconnectingBus:
         self._use(open_bus())
 
     def block(self, can_ids: frozenset[int]) -> None:
-        """Drop frames with these identifiers from now on, also on a bus that is back."""
+        """Drop frames with these identifiers from now on, also after the bus has come back."""
         self._blocked = can_ids
         if self._bus is not None:
             self._bus.block(can_ids)
@@ -86,11 +86,11 @@ class ReconnectingBus:
         self._leave()
 
     def lose(self, reason: BusError) -> None:
-        """Give up the bus that has failed, and open it again later."""
+        """Give up the failed bus, and open it again later."""
         with suppress(BusError):
             self.close()
         self._leave()
-        self._owed.clear()
+        self._pending.clear()
         if self._on_trial:
             self._wait_longer()
             return
@@ -136,34 +136,34 @@ class ReconnectingBus:
         self._next_try = self._clock() + self._wait
 
     def _read_first(self, frames: deque[Frame]) -> bool:
-        """Read a bus that was opened again; what the node says of that goes out before all else."""
+        """Read a reopened bus; the frames of the node for this go out before all others."""
         if self._bus is None:
             return False
         more = self._bus.read(frames)
         self._on_trial = False
         self._back_at = self._clock()
         self._back()
-        self._owed.extend(self._node.bus_recovered())
+        self._pending.extend(self._node.bus_recovered())
         self._use(self._bus)
-        if self._owed:
-            self.send, self.read = self._send_behind, self._read_behind
+        if self._pending:
+            self.send, self.read = self._send_after_pending, self._read_and_send_pending
             with suppress(QueueFullError):
-                self._send_owed()
+                self._send_pending()
         return more
 
-    def _read_behind(self, frames: deque[Frame]) -> bool:
+    def _read_and_send_pending(self, frames: deque[Frame]) -> bool:
         with suppress(QueueFullError):
-            self._send_owed()
+            self._send_pending()
         return self._bus is not None and self._bus.read(frames)
 
-    def _send_behind(self, frame: Frame) -> None:
-        self._send_owed()
+    def _send_after_pending(self, frame: Frame) -> None:
+        self._send_pending()
         if self._bus is not None:
             self._bus.send(frame)
 
-    def _send_owed(self) -> None:
-        while self._bus is not None and self._owed:
-            self._bus.send(self._owed[0])
-            self._owed.popleft()
+    def _send_pending(self) -> None:
+        while self._bus is not None and self._pending:
+            self._bus.send(self._pending[0])
+            self._pending.popleft()
         if self._bus is not None:
             self._use(self._bus)

@@ -1,10 +1,11 @@
 """Run a sans-IO node on a bus: in real time by the clock, or in lockstep by SYNC.
 
-In real time there is one rule: end what must not wait, drain the bus, act on what is due, send, and
-wait. The promise, for a process that runs and whatever comes over the bus: device time is never
-more than 20 ms behind the clock, or the time that three frames take if that is longer; frames that
-were there when the process came late are heard for at most 10 ms before time goes on; and nothing
-waits for a bus that takes no frames.
+The loop in real time handles what is overdue, reads the bus, acts on due timers, transmits, and
+waits. As long as the process gets processor time, whatever comes over the bus:
+
+* device time is never more than 20 ms behind the clock, or the time of three frames if longer;
+* if the process was late, frames that waited are handled for at most 10 ms before time goes on;
+* nothing waits for a bus that takes no frames.
 """
 
 from __future__ import annotations
@@ -27,43 +28,43 @@ from smarttac_can.host.reconnecting_bus import ReconnectingBus
 from smarttac_can.vocabulary.signals import TICK_US
 
 _LATE_US: Final = 2000
-"""A timer that is overdue by so many us shows that the process was not run: frames that wait may be
-older than what is due."""
+"""A timer that is overdue by so many us shows that the process did not run: waiting frames may be
+older than the timer."""
 _CATCH_UP_US: Final = 9000
-"""Longest time in us for which such a process handles frames before it acts on what is due."""
+"""Longest time in us for which such a process handles frames before it acts on due timers."""
 _READING_US: Final = 1000
-"""Longest time in us for which frames are read in a row."""
+"""Longest time in us for which frames are read without a break."""
 _SLOWEST_US: Final = 5000
-"""Longest time in us that a bus takes for a frame; what takes longer is a pause."""
+"""Longest time in us that a bus needs for a frame; a longer time is a pause of the process."""
 _MOST_WAITING: Final = 256
-"""Frames that were read and are not handled yet; with so many no more are read."""
+"""Most frames that are read and not handled yet; then no more are read."""
 _BEFORE: Final = 4
-"""Most frames that a punctual process handles before it acts on what is due: the three of a
-measurement, and another."""
+"""Most frames that a punctual process handles before it acts on due timers: the three of a
+measurement, and another one."""
 _HEARD_US: Final = 1000
-"""Longest time in us for that, and for the frames between two cycles of a node whose cycles take
-longer than a tick."""
+"""Longest time in us for these frames, and for the frames between two cycles of a node whose cycles
+take longer than a tick."""
 _ENDLESS: Final = 1 << 30
 _SENDING_US: Final = 2000
-"""Longest time in us for which frames are handed over in a row."""
+"""Longest time in us for which frames are handed over without a break."""
 _SEGMENTS: Final = 8
-"""Frames of an SDO transfer handed over before the bus is heard again."""
+"""Frames of an SDO transfer handed over before the bus is read again."""
 _SEND_RETRY_US: Final = 200
 _STOP_POLL_US: Final = 50_000
 _FOLLOWED_FRAMES: Final = 256
-"""Frames in lockstep after which the state of a node is followed, whether or not SYNC comes."""
+"""Frames in lockstep after which the observer is called, even without SYNC."""
 _SPARE_US: Final = 500
 """Time in us before the next timer that is long enough for other work."""
 _PARTING_US: Final = 100_000
 _PASSED_OVER: Final = 100
-"""Frames of an identifier that are passed over before the bus is asked to drop them."""
+"""Ignored frames of an identifier after which the bus is asked to drop it."""
 _WORK_US: Final = 10_000
 _WORK_SOON_US: Final = 8_000
-"""From here on what can wait does, so that a rest does not come at the wrong time."""
+"""Working time in us after which work of low priority waits for a rest at a suitable time."""
 _REST_US: Final = 500
-"""For how long a process waits in so much time, at least."""
+"""Least waiting time in us of a process per `_WORK_US`."""
 _WAKING_US: Final = 20
-"""A shorter wait does not count as a rest: it is what the call itself takes."""
+"""A shorter wait is the duration of the call, and does not count as a rest."""
 _SWITCH_S: Final = 2e-4
 """Longest time in s for which a thread keeps a node waiting; the default 5 ms are 5 cycles."""
 _END_S: Final = 10.0
@@ -71,23 +72,23 @@ _END_S: Final = 10.0
 
 
 class Observer(Protocol):
-    """Whoever follows the state of a node for people."""
+    """Interface through which people can follow the state of a node."""
 
     def started(self) -> None:
-        """Note that the node has been switched on."""
+        """Handle that the node has been switched on."""
 
     def follow(self) -> None:
-        """Look at the node: when there is time, each 50 ms at least, and at SYNC in lockstep."""
+        """Check the node: when there is time, at least every 50 ms, and at SYNC in lockstep."""
 
     def full(self, reason: QueueFullError) -> None:
-        """Note that the bus has begun not to take what the loop needs."""
+        """Handle that the bus has begun to refuse urgent frames."""
 
     def stopped(self) -> None:
-        """Note that the node was shut down."""
+        """Handle that the node was shut down."""
 
 
 class Nobody:
-    """An observer that notes nothing."""
+    """An observer that does nothing."""
 
     def started(self) -> None:
         """Do nothing."""
@@ -116,28 +117,28 @@ def run_node(
     clock: Callable[[], int] = monotonic_ns,
     rest: Callable[[float], None] = sleep,
 ) -> None:
-    """Start a node, run it until it has to stop, shut it down and close the bus.
+    """Start a node, run it until `stop` returns True, shut it down and close the bus.
 
-    In real time, device time is the clock's, in us: when a timer is due, and before each frame. In
-    lockstep the node advances by 1000 us just before each SYNC it receives, and by nothing else.
+    In real time, device time is set to that of the clock in us when a timer is due, and before each
+    frame. In lockstep the node advances only by 1000 us just before each SYNC that it receives.
 
     Parameters
     ----------
     node
-        The node; shut down on every way out, so that the plate is left at 0 V.
+        Node to run; always shut down at the end, so that the plate is left at 0 V.
     bus
-        Belongs to the run: closed on every way out.
+        Bus of the node; always closed at the end.
     stop
-        Asked at least every 50 ms.
+        Function called at least every 50 ms; True ends the run.
     lockstep
         Whether SYNC is the clock.
     observer
-        Follows the state of the node.
+        Observer of the node.
     resting
-        Whether it waits for 0.5 ms in 10 ms at least, whatever comes: at a real-time priority
-        nobody else has the processor meanwhile.
+        Whether the process waits for at least 0.5 ms in 10 ms, whatever comes. At a real-time
+        priority no other process gets the processor before.
     clock, rest
-        Monotonic time in ns, and a wait of so many s.
+        Function that returns monotonic time in ns, and function that waits for a time in s.
 
     Raises
     ------
@@ -161,7 +162,7 @@ def run_node(
                     _lose(bus, error)
             observer.follow()
         except BaseException:
-            # The first failure is the one to report, not that a dead bus refuses the last frames.
+            # Report the first failure, not that a failed bus refuses the last frames.
             with suppress(BusError):
                 run.end()
             raise
@@ -172,14 +173,14 @@ def run_node(
 
 
 def _lose(bus: Bus, error: BusError) -> None:
-    """Give up a bus that connects again; raise the error of another one."""
+    """Give up a bus that reconnects; raise the error of any other bus."""
     if not isinstance(bus, ReconnectingBus):
         raise error
     bus.lose(error)
 
 
 class _Run:
-    """A node, its bus, and what is between them."""
+    """State of a running node: the node, its bus, and the frames between them."""
 
     def __init__(
         self,
@@ -205,25 +206,25 @@ class _Run:
         self._passed: Counter[int] = Counter()
         self._blocked: frozenset[int] = frozenset()
         self._waiting: deque[Frame] = deque()
-        """What was read, and is not heard yet."""
+        """Frames that were read and not handled yet."""
         self._more = False
-        """Whether the bus may have more."""
+        """Whether more frames may wait on the bus."""
         self._slow = 0
-        """What the bus took to give some of it, in us."""
+        """Longest time in us of a call of `Bus.read`."""
         self._flooded = False
-        """Whether frames were left when a timer was due; until the bus was found empty."""
+        """Whether frames were left over when a timer was due; reset when the bus is empty."""
         self._epoch = clock() // 1000 - node.clock.now
         self._followed = self._busy_since = self._now()
         self._waited = 0
 
     def begin(self) -> None:
-        """Switch the node on; what it says of that waits."""
+        """Switch the node on, and queue its first frames."""
         self._outbox.put(self._node.start())
         self._listen()
         self._observer.started()
 
     def keep_pace(self, stop: Callable[[], bool]) -> None:
-        """Follow the clock."""
+        """Run the node by the clock."""
         timers = self._node.clock
         self._hand_over()
         now = self._now()
@@ -243,7 +244,7 @@ class _Run:
                 now = self._rest_for(_REST_US - self._waited)
 
     def follow_sync(self, stop: Callable[[], bool]) -> None:
-        """Follow SYNC; the clock is not asked."""
+        """Run the node by SYNC; the clock is not read."""
         node, outbox, waiting = self._node, self._outbox, self._waiting
         frames_since = 0
         self._hand_over()
@@ -274,14 +275,14 @@ class _Run:
                 self._observer.follow()
 
     def forget(self) -> None:
-        """Drop what was read of a bus that is lost: it is about a moment that is over."""
+        """Drop the frames read from a lost bus: they are outdated."""
         self._waiting.clear()
         self._more = self._flooded = False
         if not self._lockstep:
             self._node.clock.now = self._now()
 
     def end(self) -> None:
-        """Shut the node down; a bus that takes no frames has 0.1 s to do so."""
+        """Shut the node down, and wait up to 0.1 s until the bus has taken its frames."""
         try:
             if not self._lockstep:
                 self._node.clock.now = self._now()
@@ -298,9 +299,8 @@ class _Run:
         return self._clock() // 1000 - self._epoch
 
     def _listen(self) -> None:
-        """Listen to what the node listens to from now on."""
         self._ids = self._node.ids
-        # In lockstep SYNC is the time of a node that waits for a node-ID, too.
+        # In lockstep a node that waits for a node-ID needs SYNC as its time as well.
         heard = self._ids.heard | {self._ids.sync} if self._lockstep else self._ids.heard
         self._listened = heard
         if self._blocked & heard:
@@ -309,15 +309,15 @@ class _Run:
             self._bus.block(self._blocked)
 
     def _pass_over(self, can_id: int) -> None:
-        """Count a frame that the node ignores; make the bus drop its identifier after 100."""
+        """Count an ignored frame; after 100 of an identifier ask the bus to drop them."""
         self._passed[can_id] += 1
         if self._passed[can_id] == _PASSED_OVER:
             self._blocked |= {can_id}
             self._bus.block(self._blocked)
 
     def _transmit(self, frames: list[Frame]) -> None:
-        """Send frames of the node, after those that wait for the bus."""
-        # Before the answer: a commander that is watched now may send its first heartbeat at once.
+        """Transmit frames of the node, after those that wait for the bus."""
+        # First accept new identifiers: a commander may send its heartbeat right after the answer.
         if self._node.ids is not self._ids:
             self._listen()
         if not frames:
@@ -339,7 +339,7 @@ class _Run:
                 return
 
     def _hand_over(self) -> None:
-        """Hand over what waits, as long as the bus takes it and it does not take long."""
+        """Hand over waiting frames until the bus refuses one or the time is up."""
         if self._outbox.empty:
             return
         end = self._now() + _SENDING_US
@@ -347,7 +347,7 @@ class _Run:
             pass
 
     def _read(self, now: int) -> int:
-        """Read what waits on the bus, for about a millisecond at most; return the time."""
+        """Read waiting frames for about 1 ms at most; return the time."""
         end = now + _READING_US
         due = self._node.clock.next_due
         if now < due < end:
@@ -363,13 +363,13 @@ class _Run:
                 return now
 
     def _drain(self, now: int) -> int:
-        """Hear what waits before what is due, within bounds; return the time."""
+        """Handle waiting frames before due timers, within bounds; return the time."""
         timers = self._node.clock
         overdue = now - timers.next_due
         if overdue < 0:
             return self._hear(now, min(timers.next_due, now + _HEARD_US), _ENDLESS)
         if self._flooded:
-            # Without an end to the frames it is not a pause that makes it late: time comes first.
+            # Endless frames, not a pause, have delayed the timer, so the timer comes first.
             return now
         if overdue >= _LATE_US:
             now = self._hear(now, now + _CATCH_UP_US, _ENDLESS)
@@ -381,7 +381,7 @@ class _Run:
         return now
 
     def _hear(self, now: int, end: int, most: int) -> int:
-        """Hear frames that wait, one at least, and not beyond a time in us; return the time."""
+        """Handle waiting frames, at least one, until a time in us; return the time."""
         waiting, timers = self._waiting, self._node.clock
         longest = 0
         while most:
@@ -412,7 +412,6 @@ class _Run:
         return now
 
     def _act(self, now: int) -> int:
-        """Make the node act on what is due; return the time."""
         timers = self._node.clock
         timers.now = now
         self._transmit(self._node.advance(0))
@@ -422,7 +421,7 @@ class _Run:
         return now
 
     def _go_on(self, now: int) -> int:
-        """Send, do what has time, and wait for the next frame if none is there; return the time."""
+        """Transmit, do other work, or wait for the next frame; return the time."""
         timers = self._node.clock
         left = timers.next_due - now
         idle = not self._waiting and not self._more
@@ -448,13 +447,11 @@ class _Run:
         return now
 
     def _follow(self) -> int:
-        """Call the observer with the state of the node; return the time."""
         self._observer.follow()
         self._followed = now = self._now()
         return now
 
     def _rest_for(self, owed: int) -> int:
-        """Leave the processor to others for so many us; return the time."""
         self._rest(owed * 1e-6)
         self._busy_since, self._waited = self._now(), 0
         return self._busy_since

@@ -1,4 +1,4 @@
-"""What goes to a terminal: progress of a long run, and lines that nobody may be reading."""
+"""Output on a terminal: progress of a long run, and lines that may have no reader."""
 
 from __future__ import annotations
 
@@ -17,39 +17,39 @@ from typing import Any, Final, Protocol
 
 from smarttac_can.host.background import Background
 
-# Progress: a bar on a terminal or in a notebook, else nothing. On a terminal it is on stderr:
-# stdout stays for the results.
+# A progress bar is shown on a terminal or in a notebook only. On a terminal it goes to stderr,
+# because stdout is for the results.
 
 
 _STEPS: Final = 1000
 _EVERY_S: Final = 0.1
 _NO_TERMINAL: Final = (OSError, ValueError)
-"""What a stream raises that is gone, closed, or has no such letters."""
+"""Errors of a stream that is gone, closed, or cannot encode the characters."""
 _SHOWN: Final = threading.Lock()
-"""Held while a bar may be shown: another in the middle of it would be in its way."""
+"""Held while a bar may be shown, so that there is only one at a time."""
 
 
 class _Bar(Protocol):
     def draw(self, share: float) -> None:
-        """Show the share that is done, 0..1."""
+        """Show the fraction that is done, 0..1."""
 
     def end(self) -> None:
-        """Leave it as it is."""
+        """Leave the bar as it is."""
 
 
 @contextmanager
 def progress_bar(label: str, after: float = 0.0) -> Iterator[Callable[[float], None]]:
-    """Show a bar while the block lasts; what it yields is called with the share done, 0..1.
+    """Show a bar during the block; yields a function to call with the fraction done, 0..1.
 
-    There is none where nobody would see it, in a worker process, and while another one is shown.
-    A terminal that fails ends the bar, and not the block.
+    There is no bar without a terminal or notebook, in a worker process, and while another one is
+    shown. If the terminal fails, the bar ends and the block goes on.
 
     Parameters
     ----------
     label
-        What goes on.
+        Text beside the bar.
     after
-        How long the block has to last, in s, before there is a bar.
+        Time in s after which the bar is shown.
     """
     bar = _bar(label)
     if bar is None or not _SHOWN.acquire(blocking=False):
@@ -80,7 +80,6 @@ def progress_bar(label: str, after: float = 0.0) -> Iterator[Callable[[float], N
 
 
 def _bar(label: str) -> _Bar | None:
-    """Return a bar if somebody can see it, else None."""
     if parent_process() is not None:
         return None
     if _in_notebook():
@@ -92,7 +91,7 @@ def _bar(label: str) -> _Bar | None:
 
 
 def _in_notebook() -> bool:
-    """Return whether a Jupyter kernel runs this; a terminal's IPython has none."""
+    """Return whether a Jupyter kernel runs this process; IPython on a terminal has no kernel."""
     ipython = sys.modules.get("IPython")
     shell = None if ipython is None else ipython.get_ipython()
     return getattr(shell, "kernel", None) is not None
@@ -100,7 +99,7 @@ def _in_notebook() -> bool:
 
 class _TerminalBar:
     def __init__(self, label: str) -> None:
-        import click  # noqa: PLC0415 - who looks on waits for longer than that
+        import click  # noqa: PLC0415 - loaded only when a bar is shown
 
         self._bar = click.progressbar(range(_STEPS), label=label, file=sys.stderr)
 
@@ -118,7 +117,7 @@ class _NotebookBar:
         self._handle: Any = None
 
     def draw(self, share: float) -> None:
-        from IPython.display import HTML, display  # noqa: PLC0415 - a notebook has imported it
+        from IPython.display import HTML, display  # noqa: PLC0415 - imported already by a notebook
 
         text = f'{self._label} <progress value="{share:.3f}" max="1"></progress> {share:.0%}'
         if self._handle is None:
@@ -135,23 +134,23 @@ _PARTING_S: Final = 0.1
 
 
 class LineWriter(Background):
-    """Writes lines in a thread of its own, so that the caller never waits.
+    """Writes lines in a separate thread, so that the caller never waits.
 
-    A context manager that leaves within 0.1 s.
+    It is a context manager that leaves within 0.1 s.
 
-    If nobody reads them, the newest lines are dropped and counted. The count precedes the next line
-    that is read.
+    If no process reads the lines, the newest ones are dropped and counted. The count precedes the
+    next line that is read.
 
     Parameters
     ----------
     descriptor
-        File descriptor of pipe, file or terminal. It is duplicated, and stays as it is: a terminal
-        that is made non-blocking would be so for every program on it.
+        File descriptor of a pipe, file or terminal. It is duplicated and not changed: making a
+        terminal non-blocking would affect every program on it.
 
     Attributes
     ----------
     dropped
-        How many lines were dropped because nobody took those before.
+        Number of lines dropped because the earlier ones were not read.
     """
 
     def __init__(self, descriptor: int) -> None:
@@ -163,7 +162,7 @@ class LineWriter(Background):
         super().__init__("line writer", self._run, self._part, _PARTING_S)
 
     def write(self, line: str) -> None:
-        """Queue a line, which is not empty."""
+        """Queue a line, which must not be empty."""
         if len(self._lines) >= _MOST_LINES:
             self.dropped += 1
             return
@@ -187,7 +186,7 @@ class LineWriter(Background):
                     line = f"({dropped} lines dropped: nobody read them)\n{line}"
                 self._put(f"{line}\n".encode())
         except OSError:
-            # The terminal is closed. The node goes on, and above all ends at 0 V, without a reader.
+            # The terminal is closed. Without it the node still goes on, and ends at 0 V.
             pass
         finally:
             os.close(self._descriptor)
@@ -196,5 +195,5 @@ class LineWriter(Background):
         while data:
             try:
                 data = data[os.write(self._descriptor, data) :]
-            except BlockingIOError:  # another program has made it so
+            except BlockingIOError:  # another program has made the terminal non-blocking
                 select((), (self._descriptor,), ())

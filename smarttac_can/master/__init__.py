@@ -1,4 +1,4 @@
-"""What every master needs to talk to a device, whatever the device does."""
+"""What every master needs to communicate with any device."""
 
 from __future__ import annotations
 
@@ -21,5 +21,5 @@ __getattr__ = lazily(
     },
 )
 
-# What python-canopen raises has what it logs; without a handler Python would print that, too.
+# Errors of python-canopen repeat its log; without a handler Python would print that log, too.
 logging.getLogger("canopen").addHandler(logging.NullHandler())

@@ -1,4 +1,4 @@
-"""What can go wrong between master and device, and in the message what to do about it."""
+"""Errors between master and device; their messages say what to do."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from typing import Any
 
 
 class BenchError(Exception):
-    """Anything the bench cannot do; the message has what to do about it.
+    """An operation that the bench cannot do; the message says what to do.
 
     Attributes
     ----------
     trace
-        What was recorded until then, if it ended a run of the bench; None otherwise.
+        Trace of the run of the bench that the error ended, or None.
     """
 
     trace: Any = None
@@ -22,16 +22,16 @@ class NodeNotFoundError(BenchError):
 
 
 class WrongDeviceError(BenchError):
-    """A device answers, but it is not the one the EDS describes."""
+    """A device answers, but it is not the one described by the EDS."""
 
 
 class RefusedError(BenchError):
-    """The device refused to read or write an object; the message has the abort code's text.
+    """The device refused to read or write an object; the message has the text of the abort code.
 
     Attributes
     ----------
     code
-        Abort code; 0 where LSS refused.
+        Abort code; 0 if LSS refused.
     """
 
     def __init__(self, text: str, code: int = 0) -> None:
@@ -40,8 +40,8 @@ class RefusedError(BenchError):
 
 
 class HeartbeatLostError(BenchError):
-    """A node that sent heartbeats has fallen silent."""
+    """The heartbeat of a node was received before, and is lost."""
 
 
 class BusLostError(BenchError):
-    """The bench's own connection to the bus has failed."""
+    """The connection of the bench itself to the bus has failed."""

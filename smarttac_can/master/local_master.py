@@ -1,4 +1,4 @@
-"""A master on a local bus: what it causes has happened when its call returns."""
+"""A master on a local bus; all effects of a call have happened when it returns."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ class LocalMaster:
     Parameters
     ----------
     bus
-        The bus to take part in.
+        Bus to connect to.
     hear
-        Called with every frame of the others.
+        Function called with every frame of other parties.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class LocalMaster:
         self._port = bus.connect(self._on_frame)
 
     def send(self, *frames: Frame) -> list[Frame]:
-        """Send frames to the nodes; return what these send because of them, in order."""
+        """Send frames; return the frames that the nodes send because of them, in order."""
         self._heard = []
         for frame in frames:
             self._port.send(frame)
@@ -44,7 +44,7 @@ class LocalMaster:
         return heard
 
     def sync(self) -> list[Frame]:
-        """Send SYNC, with the next count if it has a counter; return what the others send."""
+        """Send SYNC, with the next count if it has a counter; return the frames that follow."""
         if self.sync_counter:
             self.sync_counter = self.sync_counter % SYNC_COUNTER_LAST + 1
         return self.send(requests.sync(self.sync_counter))
@@ -57,12 +57,12 @@ class LocalMaster:
         Abort
             If the node refuses.
         HeartbeatLostError
-            If it does not answer at once.
+            If the node does not answer at once.
         """
         return self._transfer(requests.upload(node_id, entry), node_id, entry)
 
     def write(self, node_id: int, entry: Entry, raw: Any) -> None:
-        """Write a raw value to an entry of 1 to 4 bytes, and fail as `read` does."""
+        """Write a raw value to an entry of 1 to 4 bytes; raises as `read`."""
         self._transfer(requests.download(node_id, entry, raw), node_id, entry)
 
     def _transfer(self, request: Frame, node_id: int, entry: Entry) -> Any:

@@ -1,4 +1,4 @@
-"""Frames that a master sends, and what the answers to those of SDO mean: no bus, no time."""
+"""Frames that a master sends, and the meaning of SDO answers, without a bus or time."""
 
 from __future__ import annotations
 
@@ -23,59 +23,59 @@ from smarttac_can.od.entry import MAX_BYTES, Entry
 
 _UPLOAD: Final = 0x40
 _READS: Final = 2
-"""Command specifier of a request that begins an upload."""
+"""Command specifier of a request that initiates an upload."""
 _DOWNLOAD: Final = 0x23
 _DOWNLOADED: Final = 0x60
 ABORT: Final = 0x80
-"""Command of an abort, of either side."""
+"""Command of an abort, from either side."""
 INITIATES: Final = (1, 2)
-"""Command specifiers of requests that begin a transfer, and name the object."""
+"""Command specifiers of requests that initiate a transfer and name the object."""
 _EXPEDITED: Final = 0b11
-"""Bits of a download that carries its data, and the number of bytes."""
+"""Bits of an expedited download with the number of its bytes."""
 _SEGMENT: Final = 7
 """Bytes of data in a segment."""
 _SEQUENCE: Final = 0x7F
 _LAST: Final = 0x80
-"""Parts of the first byte of a segment of a block."""
+"""Sequence number, and mark of the last segment, in the first byte of a segment of a block."""
 _SEGMENT_TAKEN: Final = 1
 _BLOCK: Final = 6
-"""Command specifier of a block download, of the client."""
+"""Command specifier of the client in a block download."""
 _BLOCK_ANSWER: Final = 5
 _ENDS: Final = 1
 _CONFIRMS: Final = 2
-"""Sub-commands of the answers to a block download; 0 answers its beginning."""
+"""Sub-commands of the answers to a block download; 0 answers its initiation."""
 _ANSWERS: Final = {0: 1, 1: 3, 2: 2, 3: 0}
 """Command specifier of the server's answer, by that of the client's request."""
 
 
 def nmt(command: int, node_id: int = 0) -> Frame:
-    """Make an NMT command; node 0 stands for all."""
+    """Return an NMT command; node 0 stands for all."""
     return Frame(NMT_ID, bytes((command, node_id)))
 
 
 def sync(counter: int = 0) -> Frame:
-    """Make a SYNC with a counter of 1..240, or 0 for none."""
+    """Return a SYNC with a counter of 1..240, or 0 for no counter."""
     return Frame(SYNC_ID, bytes((counter,)) if counter else b"")
 
 
 def heartbeat(node_id: int) -> Frame:
-    """Make the heartbeat of a node that is OPERATIONAL."""
+    """Return the heartbeat of a node that is OPERATIONAL."""
     return Frame(HEARTBEAT_ID + node_id, bytes((NMTState.OPERATIONAL,)))
 
 
 def upload(node_id: int, entry: Entry) -> Frame:
-    """Make the SDO request that reads an entry."""
+    """Return the SDO request that reads an entry."""
     return _request(node_id, _UPLOAD, entry, b"")
 
 
 def download(node_id: int, entry: Entry, raw: Any) -> Frame:
-    """Make the SDO request that writes an entry of 1 to 4 bytes: its raw value."""
+    """Return the SDO request that writes a raw value to an entry of 1 to 4 bytes."""
     data = pack(entry.data_type, raw)
     return _request(node_id, _DOWNLOAD | (EXPEDITED_BYTES - len(data)) << 2, entry, data)
 
 
 def abort(node_id: int, code: int) -> Frame:
-    """Make the SDO abort by a client, which ends whatever transfer the server has open."""
+    """Return the SDO abort by a client, which ends the present transfer of the server."""
     return Frame(SDO_RX_ID + node_id, bytes((ABORT, 0, 0, 0)) + code.to_bytes(4, "little"))
 
 
@@ -90,7 +90,7 @@ def answers(frame: Frame, request: Frame) -> bool:
 
 
 class Written(NamedTuple):
-    """What an SDO transfer asks to write, or has written."""
+    """Object and data of an SDO download, requested or completed."""
 
     address: tuple[int, int]
     """Index and sub-index."""
@@ -98,7 +98,7 @@ class Written(NamedTuple):
 
 
 def written(frame: Frame, node_id: int) -> Written | None:
-    """Return what a frame asks to write to a node; None if it is no download of 1 to 4 bytes."""
+    """Return the download that a frame requests; None if it is none of 1 to 4 bytes."""
     data = frame.data
     if frame.can_id != SDO_RX_ID + node_id or len(data) != FRAME_BYTES:
         return None
@@ -110,7 +110,7 @@ def written(frame: Frame, node_id: int) -> Written | None:
 
 
 def asked(frame: Frame, node_id: int) -> tuple[int, int] | None:
-    """Return index and sub-index of what a frame asks to read from a node; None if of nothing."""
+    """Return index and sub-index that a frame requests to read from a node, or None."""
     data = frame.data
     if frame.can_id != SDO_RX_ID + node_id or len(data) != FRAME_BYTES or data[0] >> 5 != _READS:
         return None
@@ -118,18 +118,18 @@ def asked(frame: Frame, node_id: int) -> tuple[int, int] | None:
 
 
 def downloaded(node_id: int, entry: Entry) -> Frame:
-    """Make the answer of a node that has taken what was written to an entry."""
+    """Return the answer of a node that confirms a download to an entry."""
     address = entry.index.to_bytes(2, "little") + bytes((entry.subindex,))
     return Frame(SDO_TX_ID + node_id, bytes((_DOWNLOADED, *address, 0, 0, 0, 0)))
 
 
 def takes(frame: Frame, node_id: int, entry: Entry) -> bool:
-    """Return whether a node confirms what was written to an entry."""
+    """Return whether a frame confirms a download to an entry of a node."""
     return frame == downloaded(node_id, entry)
 
 
 def downloading(node_id: int, entry: Entry, data: bytes) -> Iterator[Frame]:
-    """Yield the frames of a segmented download of any length, requests and answers by turns."""
+    """Yield the frames of a segmented download of any length, requests and answers alternating."""
     to, back = SDO_RX_ID + node_id, SDO_TX_ID + node_id
     size = len(data).to_bytes(4, "little")
     yield _request(node_id, _DOWNLOAD & ~_EXPEDITED | 1, entry, size)
@@ -145,26 +145,26 @@ def downloading(node_id: int, entry: Entry, data: bytes) -> Iterator[Frame]:
 
 @dataclass
 class _Transfer:
-    """A download of more than one frame that is heard."""
+    """State of a download of more than one frame between client and node."""
 
     address: bytes
     in_block: bool
     data: bytearray = field(default_factory=bytearray)
     segments: dict[int, bytes] = field(default_factory=dict)
-    """Heard and not confirmed yet, by sequence number; a segmented one has one at a time."""
+    """Unconfirmed segments by sequence number; in a segmented transfer only one at a time."""
     receiving: bool = False
-    """Whether what the client of a block sends next is a segment."""
+    """Whether the next frame of the client in a block transfer is a segment."""
     ends: bool = False
-    """Whether the segment that was confirmed last is the last one."""
+    """Whether the last confirmed segment is the last one."""
     unused: int = 0
-    """Bytes of the last segment of a block that are no data."""
+    """Unused bytes in the last segment of a block."""
 
 
 class Downloads:
-    """Hears what clients write to a node by SDO, of any length, and returns what the node took.
+    """Follows the SDO downloads of any length to a node, and returns the data that it accepts.
 
-    It believes the node: what is confirmed was taken. Of a segment that was not heard the bytes
-    are missing.
+    Data that the node confirms are regarded as accepted. The bytes of a segment that was not
+    received are missing.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ class Downloads:
         self._transfer: _Transfer | None = None
 
     def hear(self, frame: Frame) -> Written | None:
-        """Take a frame; return what the node has taken with it, None if nothing."""
+        """Handle a frame; return the download that the node has accepted with it, or None."""
         data = frame.data
         if len(data) == FRAME_BYTES and not frame.rtr:
             if frame.can_id == SDO_RX_ID + self._node_id:
@@ -226,7 +226,6 @@ class Downloads:
             self._transfer = begun
 
     def _confirm(self, transfer: _Transfer, command: int, last: int) -> Written | None:
-        """Hear that segments were taken, or all."""
         if transfer.in_block and command >> 5 == _BLOCK_ANSWER:
             if command & 0b11 == _CONFIRMS:
                 taken = [transfer.segments.get(n, b"\0") for n in range(1, last + 1)]
@@ -252,12 +251,12 @@ def _as_written(address: bytes, data: bytes) -> Written:
 
 
 def value(answer: Frame, entry: Entry) -> Any:
-    """Return the raw value in the answer to an upload, None in that to a download.
+    """Return the raw value in the answer to an upload; None in the answer to a download.
 
     Raises
     ------
     Abort
-        If the node refuses, or the value has not the length of the entry's type.
+        If the node refuses, or the value does not have the length of the entry's type.
     """
     command, data = answer.data[0], answer.data[4:]
     if command == ABORT:

@@ -22,15 +22,15 @@ class NoAnswerError(SdoCommunicationError):  # type: ignore[misc]  # python-cano
 
 
 class OtherClientError(SdoError):  # type: ignore[misc]  # python-canopen is untyped
-    """Another client keeps breaking the transfer."""
+    """Another client interrupts the transfer again and again."""
 
 
 class SharedSdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]  # python-canopen is untyped
-    """Client of a server that other clients ask as well; it takes only its own answers.
+    """Client of a server that other clients use as well; it accepts only its own answers.
 
     CiA 301 has one client for each SDO, but any number of bench scripts may read. An expedited
     transfer is one request and one answer that names the object, so those of several clients do
-    not mix; a segmented one, that of a string, ends when another client begins, and is begun anew.
+    not mix. A segmented transfer, as of a string, ends when another client begins, and is repeated.
 
     Parameters
     ----------
@@ -52,16 +52,16 @@ class SharedSdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]  # python-ca
         network.subscribe(self.tx_cobid, self.on_response)
 
     def upload(self, index: int, subindex: int) -> bytes:
-        """Read the bytes of an entry, beginning anew if another client interrupts it.
+        """Read the bytes of an entry, and start again if another client interrupts.
 
         Raises
         ------
         SdoAbortedError
             If the server refuses.
         NoAnswerError
-            If it is silent.
+            If the server does not answer.
         OtherClientError
-            If another client breaks the transfer again and again.
+            If another client interrupts the transfer again and again.
         """
         for pause in _PAUSES_S:
             sleep(pause)
@@ -77,7 +77,7 @@ class SharedSdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]  # python-ca
         raise OtherClientError
 
     def send_request(self, request: bytes) -> None:
-        """Send a request; until the next one only the answer to it is taken.
+        """Send a request; until the next one only its answer is accepted.
 
         Raises
         ------
@@ -96,7 +96,7 @@ class SharedSdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]  # python-ca
         Raises
         ------
         NoAnswerError
-            If none comes within the time-out.
+            If no answer comes within the time-out.
         SdoCommunicationError
             If another client has ended the transfer.
         """
@@ -108,11 +108,11 @@ class SharedSdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]  # python-ca
         return response
 
     def on_response(self, can_id: int, data: bytearray, timestamp: float) -> None:
-        """Take a frame of the server, unless it answers another client."""
+        """Handle a frame of the server, unless it answers another client."""
         response = bytes(data)
         if not response:
             return
-        # A server has one transfer: it drops this one when it begins another client's.
+        # A server has one transfer: it drops this one when another client begins.
         self._dropped |= self._answered and response[0] >> 5 in _INITIATED
         if answers(Frame(can_id, response), Frame(self.rx_cobid, self._request)):
             self._answered = True

@@ -1,4 +1,4 @@
-"""What the paper shows, done again: experiments, metrics, figures and the report."""
+"""Reproduction of the paper: experiments, metrics, figures and the report."""
 
 from smarttac_can.paper.report import write_report
 

@@ -1,4 +1,4 @@
-"""The paper's experiments, as a person would run them at the bench."""
+"""The experiments of the paper, as done at the bench."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from smarttac_can.vocabulary.signals import TARE_SAMPLES, TICK
 from smarttac_can.vocabulary.states import Law, Mode, VibrationLaw
 
 WARM: Final = 30.0
-"""Temperature in degC at which the plate is identified, and tuned for, before Fig. 5."""
+"""Temperature in degC at which the plate is identified for the controllers, before Fig. 5."""
 COLD: Final = 20.0
 """Temperature in degC of the experiments."""
 WARM_RESONANCE: Final = 43250.0
-"""Resonance in Hz at 30 degC, where Fig. 5 starts from (paper, section on Fig. 5)."""
+"""Resonance in Hz at 30 degC, at which Fig. 5 starts (paper, section on Fig. 5)."""
 COLD_RESONANCE: Final = 43390.0
 """Resonance in Hz at 20 degC."""
 AMPLITUDES: Final = (0.0, 0.5, 1.0, 1.5, 2.0)
@@ -33,12 +33,12 @@ FIG2_SUBJECTS: Final = range(1, 6)
 COF_REFERENCES: Final = dict(enumerate(REFERENCES, 1))
 """References left and right of the boundary for the four subjects of Table I."""
 PASSES: Final = 50
-"""Passes of the finger a subject in Table I, every other one an up-step."""
+"""Passes of the finger per subject in Table I; every other one is an up-step."""
 
 LOADING_SUBJECT: Final = 1
-"""Who presses on the plate in Fig. 5 under a load: the fingertip that damps most."""
+"""Subject that presses on the plate in Fig. 5 under a load: the fingertip with most damping."""
 LOAD_MIN, LOAD_MAX = 0.05, 2.0
-"""Bounds of the load in N, those of a simulated finger."""
+"""Bounds of the load in N, as for a simulated finger."""
 
 _RESPONSE_S: Final = 0.06
 _TARE_S: Final = TARE_SAMPLES * TICK
@@ -49,18 +49,16 @@ _TRAVEL_MM: Final = 16.0
 _IDENTIFY_S: Final = 0.6
 
 SubjectSet = Literal["presets", "fitted"]
-"""Whose fingers Table I is made with."""
+"""Set of fingers for Table I."""
 
 
 class _Finger(NamedTuple):
-    """A finger of Table I."""
-
     subject: int
-    """Its number in *Simulation.Subject*."""
+    """Number in *Simulation.Subject*."""
     force: float
-    """In N."""
+    """Normal force in N."""
     speed: float
-    """In mm/s."""
+    """Speed in mm/s."""
 
 
 _FINGERS: Final[dict[SubjectSet, tuple[_Finger, ...]]] = {
@@ -74,7 +72,7 @@ _FINGERS: Final[dict[SubjectSet, tuple[_Finger, ...]]] = {
 
 @dataclass(frozen=True, slots=True)
 class Conditions:
-    """What the experiments depend on besides the device."""
+    """Conditions of the experiments besides the device."""
 
     seed: int = 1
     """Seed of noise and of the finger's force and speed, 0..2^32 - 1."""
@@ -83,10 +81,10 @@ class Conditions:
     dead_time: float = 0.0
     """Time in us from the tick until the new drive is in force, 0..999."""
     vibration_law: VibrationLaw = VibrationLaw.PI
-    """How amplitude and resonance are regulated."""
+    """Law for amplitude and resonance."""
     load: float = 0.0
-    """Normal force in N of a finger on the plate in Fig. 5 and 6, 0.05..2, or 0 for none. With one
-    a step by 50 % follows."""
+    """Normal force in N of a finger on the plate in Fig. 5 and 6, 0.05..2, or 0 without a finger.
+    With a finger, a step by 50 % follows."""
     subjects: SubjectSet = "presets"
     """Fingers of Fig. 7 and Table I."""
 
@@ -98,19 +96,19 @@ class Experiment:
     name: str
     """Name for the progress display."""
     seconds: float
-    """About how long it takes, in simulated time."""
+    """Approximate duration in s of simulated time."""
     run: Callable[[Stimulator], list[Trace]]
 
 
 def experiments(wanted: frozenset[str], conditions: Conditions) -> list[Experiment]:
-    """List the runs that give the wanted figures and table.
+    """Return the runs for the wanted figures and table.
 
     Parameters
     ----------
     wanted
-        Some of ``fig2 fig3 fig5 fig6 fig7 table1``; Fig. 3 is the law itself and takes no run.
+        Some of ``fig2 fig3 fig5 fig6 fig7 table1``; Fig. 3 is the law itself and needs no run.
     conditions
-        The same for all of them.
+        Conditions of all runs.
     """
     runs = [Experiment("identification", _IDENTIFY_S, lambda bench: _identify(bench, conditions))]
     if wanted & {"fig5", "fig6"}:
@@ -123,7 +121,7 @@ def experiments(wanted: frozenset[str], conditions: Conditions) -> list[Experime
 
 
 def _identify(bench: Stimulator, conditions: Conditions) -> list[Trace]:
-    """Tune the controllers for the warm plate, as in the paper."""
+    """Identify the warm plate, which designs the controllers for it, as in the paper."""
     bench.law = conditions.law
     bench.vibration_law = conditions.vibration_law
     bench.set("Controller.Dead time", conditions.dead_time)
@@ -134,9 +132,9 @@ def _identify(bench: Stimulator, conditions: Conditions) -> list[Trace]:
 
 
 def _vibration(conditions: Conditions) -> Iterator[Experiment]:
-    """Run Fig. 5 and 6: 1 um from rest on the cold plate, from the resonance of the warm one.
+    """Yield the runs for Fig. 5 and 6: 1 um on the cold plate, starting at the warm resonance.
 
-    Under a finger the amplitude then goes to 1.5 um.
+    With a finger, a step to 1.5 um follows.
     """
     load = conditions.load
     seconds = _TARE_S + _RESPONSE_S + (_TOUCH_DOWN_S + _RESPONSE_S if load else 0.0)
@@ -166,7 +164,7 @@ def _vibration(conditions: Conditions) -> Iterator[Experiment]:
 
 
 def _friction_reduction(conditions: Conditions) -> Iterator[Experiment]:
-    """Run Fig. 2: COF of five subjects at five controlled amplitudes."""
+    """Yield the runs for Fig. 2: COF of five subjects at five controlled amplitudes."""
     for subject in FIG2_SUBJECTS:
         for amplitude in AMPLITUDES:
 
@@ -185,7 +183,7 @@ def _friction_reduction(conditions: Conditions) -> Iterator[Experiment]:
 
 
 def _friction_control(conditions: Conditions) -> Iterator[Experiment]:
-    """Run Fig. 7 and Table I: the reference alternates as the finger crosses the middle."""
+    """Yield the runs for Fig. 7 and Table I: the reference switches in the middle of the plate."""
     fingers = _FINGERS[conditions.subjects]
     for (number, references), finger in zip(COF_REFERENCES.items(), fingers, strict=True):
         seconds = _TOUCH_DOWN_S + PASSES * (1.2 * _TRAVEL_MM / finger.speed)
@@ -219,9 +217,9 @@ def _friction_control(conditions: Conditions) -> Iterator[Experiment]:
 def _begin(
     bench: Stimulator, conditions: Conditions, temperature: float, *, subject: int = 0
 ) -> None:
-    """Start a run and tare it: the gauges drift with temperature.
+    """Start a run and tare it, because the gauges drift with temperature.
 
-    Without a subject the finger is lifted. Each subject has noise and variations of its own.
+    Without a subject the finger is lifted. Noise and variations differ between subjects.
     """
     if not subject:
         bench.finger.lift()
@@ -236,13 +234,13 @@ def _begin(
 def loop_dead_time(bit_rate: int) -> float:
     """Return the longest time in us from the plate's tick to the new drive, over the bus.
 
-    Sum of the plate's measurement TPDOs and the drive, from the EDS files; the tick is the end of
-    SYNC, and computing time is left out.
+    It is the sum of the plate's measurement TPDOs and the drive, from the EDS files. The tick is
+    the end of SYNC; computing time is not included.
 
     Parameters
     ----------
     bit_rate
-        In bit/s, above 0.
+        Bit rate in bit/s, above 0.
     """
     stimulator = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID)
     stimulator.start()

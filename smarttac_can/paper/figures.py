@@ -1,7 +1,7 @@
-"""The paper's Fig. 2, 3, 5, 6 and 7, and a moving picture of Fig. 7, drawn from recorded traces.
+"""The paper's Fig. 2, 3, 5, 6 and 7, and an animation of Fig. 7, drawn from recorded traces.
 
-Colours are told apart by every common kind of colour vision, and no curve is told from another by
-its colour alone. Needs matplotlib (extra ``report``); draws off screen, without pyplot's state.
+The colours differ for all common kinds of colour vision, and curves differ not only by colour.
+Needs matplotlib (extra ``report``); draws without a window and without the state of pyplot.
 """
 
 from __future__ import annotations
@@ -55,17 +55,17 @@ CURVES: dict[str, dict[str, Any]] = {
     "reference": {"linestyle": "--", "color": RED, "linewidth": 1.5},
     "mean": {"linestyle": "-", "color": "black", "linewidth": 2.2},
 }
-"""The lines of Fig. 7."""
+"""Line styles of Fig. 7."""
 _MOVING_SUBJECT, _MOVING_FROM, _MOVING_MS, _FRAME_MS = 3, 2000, 960, 10
-"""Whose strokes the moving picture has, from which tick, how long, and how far apart."""
+"""Subject of the animation, its first tick, its length and the time between frames in ms."""
 _SLOWER = 5
-"""By which factor the moving picture is slower than the finger."""
+"""Factor by which the animation is slower than the finger."""
 _ACROSS_MM = 16.0
-"""Half of what the moving picture has of the plate."""
+"""Half of the width of the plate in the animation in mm."""
 
 
 def fig2(traces: Iterable[Trace]) -> Figure:
-    """Draw the friction left at each amplitude: a point per subject, their mean in red (Fig. 2)."""
+    """Draw the friction left at each amplitude: a point per subject, the mean in red (Fig. 2)."""
     traces = list(traces)
     amplitudes, subjects = friction_amplitudes(traces), subjects_of(traces, "fig2")
     if not subjects:
@@ -105,7 +105,7 @@ def fig3(law: Callable[[float], float]) -> Figure:
     Parameters
     ----------
     law
-        Eq. (9): takes E in %, gives dW in m peak-to-peak.
+        Function of eq. (9): takes E in %, returns dW in m peak-to-peak.
     """
     error = np.linspace(-50, 50, 401)
     increment_um = np.array([1e6 * law(e) for e in error.tolist()])
@@ -122,7 +122,7 @@ def fig3(law: Callable[[float], float]) -> Figure:
 
 
 def fig5(traces: Iterable[Trace], until_ms: int = 20) -> Figure:
-    """Draw the amplitude after switch-on with both loops and one, and the 5 % band (Fig. 5)."""
+    """Draw the amplitude after switch-on with both loops and with one; the 5 % band (Fig. 5)."""
     traces = list(traces)
     low, high = (AMPLITUDE_UM * (1 + sign * RESPONSE_BAND) for sign in (-1, 1))
     with canvas(7.2, 4.6) as figure:
@@ -176,16 +176,16 @@ def fig6(traces: Iterable[Trace], until_ms: int = 20) -> Figure:
 
 
 def fig7(traces: Iterable[Trace], law: str) -> Figure:
-    """Draw the friction around each switch of the reference: touches, mean, reference (Fig. 7).
+    """Draw the COF around each switch of the reference: touches, mean, reference (Fig. 7).
 
-    Two panels a subject, with the up-steps left and the down-steps right.
+    There are two panels per subject: up-steps on the left, down-steps on the right.
 
     Parameters
     ----------
     traces
-        The runs.
+        Traces of the runs.
     law
-        Name of the friction law that regulated them, for the title.
+        Name of their friction law, for the title.
     """
     traces = list(traces)
     subjects = subjects_of(traces, "table1")
@@ -195,7 +195,7 @@ def fig7(traces: Iterable[Trace], law: str) -> Figure:
     title = f"Controlled friction around the switch of its reference, law {law} (simulated)"
     with canvas(11, 0.7 + 3.5 * rows) as figure:
         figure.suptitle(title, x=0.012, ha="left", weight="bold", fontsize=13)
-        # One grid, so that the panels of all rows stand below each other.
+        # One grid, so that the panels of all rows are aligned.
         panels = figure.subplots(rows, 4, squeeze=False).reshape(2 * rows, 2)
         for subject, pair in zip(subjects, panels, strict=False):
             trace = find(traces, "table1", subject)
@@ -208,17 +208,17 @@ def fig7(traces: Iterable[Trace], law: str) -> Figure:
 
 
 def save_crossing(traces: Iterable[Trace], file: Path) -> None:
-    """Write a GIF of a finger that crosses the boundary, and of the COF that follows.
+    """Write an animated GIF of a finger that crosses the boundary, and of the COF.
 
-    Above is the plate from the side, with the finger, its forces and a wave as high as the
-    vibration (not to scale); below are the COF and its reference until then.
+    The upper part shows the plate from the side, with the finger, its forces and a wave whose
+    height is the vibration (not to scale). The lower part shows the COF and its reference.
 
     Parameters
     ----------
     traces
-        With those of ``table1``.
+        Traces, including those of ``table1``.
     file
-        Its name ends in .gif.
+        Path of the file, with the suffix .gif.
     """
     part = slice(_MOVING_FROM, _MOVING_FROM + _MOVING_MS)
     trace = find(traces, "table1", _MOVING_SUBJECT)
@@ -239,7 +239,7 @@ def save_crossing(traces: Iterable[Trace], file: Path) -> None:
             wave.set_data(across, 0.5 * W[tick] * np.cos(1.5 * across))
             finger.set_center((x[tick], 4.8))
             arrows.set_offsets(np.tile((x[tick], 4.8), (2, 1)))
-            # The plate pulls the finger against its motion; the position is noisy.
+            # The force on the finger opposes its motion; the position is noisy.
             before, after = x[max(tick - _FRAME_MS, 0)], x[min(tick + _FRAME_MS, len(x) - 1)]
             pull = 20.0 * np.sign(before - after) * Ft[tick]
             arrows.set_UVC([0.0, pull], [-8.0 * Fn[tick], 0.0])
@@ -251,7 +251,7 @@ def save_crossing(traces: Iterable[Trace], file: Path) -> None:
 
 
 def _draw_plate(axes: Axes, lower: float) -> tuple[Line2D, Ellipse, Any]:
-    """Draw the plate from the side; return what moves: wave, finger and forces."""
+    """Draw the plate from the side; return the moving parts: wave, finger and forces."""
     axes.axvspan(-_ACROSS_MM, 0, color=BAND)
     for side, mu in ((-1, lower), (1, lower + 0.1)):
         axes.text(side * _ACROSS_MM / 2, 9.3, f"COF {mu:.1f}", ha="center", color=INK)
@@ -303,7 +303,7 @@ def _draw_subject(pair: Iterable[Axes], subject: int, directions: Sequence[Touch
 
 
 def _step_note(touches: Touches, mean: Step, subject: int) -> str:
-    """Say how fast the step is, and of the up-steps what the paper's Table I says."""
+    """Return a note on the dynamics of a step; for up-steps with the numbers of Table I."""
     count = len(touches.steps)
     up = mean.after > mean.before
     row = f"table1.subjects[{subject - 1}]"

@@ -1,4 +1,4 @@
-"""The numbers of the paper's experiments, from recorded traces and nothing else.
+"""The numbers of the paper's experiments, computed only from recorded traces.
 
 Definitions
 -----------
@@ -10,11 +10,11 @@ Definitions
 * *Levels* of a step are the means of the curve itself before the switch and from 40 ms after it.
   Rise time (10 to 90 %) and overshoot are taken in % of the step between these levels, as the
   state levels of IEEE 181; the distance of the levels to the references is the static error. So
-  the three numbers do not leak into each other.
+  the three numbers are independent of each other.
 * Table I is the up-step of the mean curve, since noise of mu biases the values of single touches;
   these, and down-steps, are reported beside it.
 
-Metrics that do not exist for a trace raise `UndefinedError`.
+A metric that does not exist for a trace raises `UndefinedError`.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from smarttac_can.paper.references import RESPONSE_BAND
 from smarttac_can.population.steps import AFTER_MS, BEFORE_MS, Step, UndefinedError
 
 FINAL_MS = 20
-"""The end of a run that counts as its steady state."""
+"""Time in ms at the end of a run that counts as its steady state."""
 LOOPS = ("amplitude_only", "amplitude_and_frequency")
-"""The two runs of Fig. 5 and 6."""
+"""Names of the two runs of Fig. 5 and 6."""
 
 
 class NotRunError(UndefinedError):
@@ -48,14 +48,14 @@ def response_time(W: Floats, reference: float, band: float = RESPONSE_BAND) -> f
     W
         Samples 1 ms apart, the first at the instant of the step.
     reference
-        Final value asked for, in the unit of W, above 0.
+        Final value, in the unit of W, above 0.
     band
         Half width of the band as a fraction of the reference.
 
     Returns
     -------
     float
-        Last entry into the band, interpolated linearly between two samples; 0 if W never is
+        Last entry into the band, interpolated linearly between two samples; 0 if W is never
         outside.
 
     Raises
@@ -77,7 +77,7 @@ def response_time(W: Floats, reference: float, band: float = RESPONSE_BAND) -> f
 
 
 def overshoot_above(W: Floats, reference: float, step: float) -> float:
-    """Return by how much W goes beyond its reference, in % of the step up to it; 0 if it does not.
+    """Return the overshoot of W beyond its reference, in % of the step; 0 if there is none.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def overshoot_above(W: Floats, reference: float, step: float) -> float:
 
 
 def from_switch_on(trace: Trace, column: Floats) -> Floats:
-    """Cut a column of the trace to begin at the switch-on, the first tick with a voltage.
+    """Return a column of the trace from the switch-on, the first tick with a voltage.
 
     Raises
     ------
@@ -121,11 +121,11 @@ def final_mean(trace: Trace, column: Floats) -> float:
 
 
 def voltage_difference_percent(amplitude_only: Trace, both_loops: Trace) -> float:
-    """Return how much more voltage the amplitude loop alone needs, in % (Fig. 6).
+    """Return the additional voltage that the amplitude loop alone needs, in % (Fig. 6).
 
-    100 % is what both loops need.
+    100 % is the voltage with both loops.
 
-    The paper's "about 30 %" is read in this direction: 30 % more off resonance.
+    The paper's "about 30 %" is interpreted in this direction: 30 % more off resonance.
     """
     base = final_mean(both_loops, both_loops.voltage_v)
     if base <= 0:
@@ -138,7 +138,7 @@ class Touches(NamedTuple):
 
     steps: tuple[Step, ...]
     dropped: int
-    """Crossings left out: at the end of the trace, a lost tick or contact, a second switch."""
+    """Crossings without a whole touch: end of trace, lost tick, lost contact, second switch."""
 
     def mean_curve(self) -> Step:
         """Return the mean over all touches at each tick (the continuous curve of Fig. 7).
@@ -155,11 +155,11 @@ class Touches(NamedTuple):
         return self.steps[0]._replace(mu=np.mean([step.mu for step in self.steps], axis=0))
 
     def of_mean_curve(self, metric: Callable[[Step], float]) -> float:
-        """Return one of `STEP_METRICS` of the mean curve."""
+        """Return a metric of `STEP_METRICS` for the mean curve."""
         return metric(self.mean_curve())
 
     def of_each(self, metric: Callable[[Step], float]) -> list[float]:
-        """Return one of `STEP_METRICS` of every touch that has it."""
+        """Return a metric of `STEP_METRICS` for every touch that has it."""
         values = []
         for step in self.steps:
             with suppress(UndefinedError):
@@ -168,13 +168,13 @@ class Touches(NamedTuple):
 
 
 def align_at_switch(traces: Iterable[Trace], *, up: bool) -> Touches:
-    """Cut the touches out of traces: -20 to +80 ms around each up-step, or down-step, of mu_ref."""
+    """Return the touches in traces: -20 to +80 ms around each up-step, or down-step, of mu_ref."""
     time_ms = np.arange(-BEFORE_MS, AFTER_MS + 1, dtype=np.float64)
     steps, dropped = [], 0
     for trace in traces:
         reference = trace.cof_reference
         change = np.diff(reference)
-        # Without a reference it is NaN: the begin and the end of control are not steps of it.
+        # Without a reference it is NaN, so the beginning and end of control are not steps.
         wanted = change > 0 if up else change < 0
         for switch in (np.flatnonzero(wanted) + 1).tolist():
             begin, end = switch - BEFORE_MS, switch + AFTER_MS + 1
@@ -200,10 +200,10 @@ def friction_amplitudes(traces: Iterable[Trace]) -> list[float]:
 
 
 def friction_ratio_percent(traces: Iterable[Trace], subject: int, amplitude_um: float) -> float:
-    """Return the share mu_1/mu_0 of the friction in % that an amplitude leaves (Fig. 2).
+    """Return the ratio mu_1/mu_0 of the friction with and without an amplitude, in % (Fig. 2).
 
-    mu_1 and mu_0 are medians over the ticks in contact: the reversals of the stroke, where the
-    finger does not slide, do not move them.
+    mu_1 and mu_0 are medians over the ticks in contact, which the reversals of the stroke, where
+    the finger does not slide, do not change.
 
     Raises
     ------
@@ -225,7 +225,7 @@ def friction_ratio_percent(traces: Iterable[Trace], subject: int, amplitude_um: 
 
 
 def find(traces: Iterable[Trace], experiment: str, subject: int | None = None) -> Trace:
-    """Pick the trace of an experiment, of one subject or any.
+    """Return the trace of an experiment, of one subject or any.
 
     Raises
     ------
@@ -240,5 +240,5 @@ def find(traces: Iterable[Trace], experiment: str, subject: int | None = None) -
 
 
 def subjects_of(traces: Iterable[Trace], experiment: str) -> list[int]:
-    """List the subjects of an experiment or of its parts (``fig2`` for ``fig2.0.5``)."""
+    """Return the subjects of an experiment or of its parts (``fig2`` for ``fig2.0.5``)."""
     return sorted({t.subject for t in traces if f"{t.experiment}.".startswith(f"{experiment}.")})

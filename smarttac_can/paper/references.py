@@ -1,4 +1,4 @@
-"""The figures the paper publishes, where they stand, and the band a result is judged by.
+"""The figures published in the paper, their places, and the bands by which results are judged.
 
 Source of all: "High fidelity closed loop controlled friction in SMARTTAC tactile stimulator".
 A figure without a band is shown beside the result and not judged: four people are not four
@@ -16,37 +16,37 @@ Origin = Literal["fitted", "chosen", "emerges"]
 
 
 class Published(NamedTuple):
-    """A published figure and what a result has to keep to."""
+    """A published figure and the band for a result."""
 
     key: str
-    """Where the result stands in the summary, such as ``table1.subjects[0].rise_time_ms``."""
+    """Key of the result in the summary, such as ``table1.subjects[0].rise_time_ms``."""
     name: str
-    """What it is, in words."""
+    """Name in words."""
     value: float | None
-    """The paper's figure; None where the paper has words only."""
+    """Figure in the paper; None if the paper has only words."""
     unit: str
     where: str
-    """Where it stands in the paper."""
+    """Place in the paper."""
     low: float | None = None
-    """Lower bound of the band, itself inside; None: not judged."""
+    """Lower bound of the band, included; None if not judged."""
     high: float | None = None
-    """Upper bound of the band, itself inside; None: not judged."""
+    """Upper bound of the band, included; None if not judged."""
     origin: Origin = "emerges"
     """How far a result can agree by design: ``fitted`` if parameters were computed from this
     figure, or searched for with it as the aim; ``chosen`` if a design choice was made from a range
-    in which the figure comes out, and the result then checked; else ``emerges``."""
+    in which the figure results, and the result then checked; else ``emerges``."""
 
 
 AMPLITUDE_UM = 1.0
-"""Amplitude asked for in Fig. 5 and 6 in um peak-to-peak."""
+"""Amplitude set-point of Fig. 5 and 6 in um peak-to-peak."""
 STEP_UM = 1.5
-"""Amplitude after the step by 50 % that follows Fig. 5 under a finger; ours, not the paper's."""
+"""Amplitude in um of the step by 50 % that follows Fig. 5 under a finger; not in the paper."""
 RESPONSE_BAND = 0.05
-"""The response time of Fig. 5 is the 5 % one."""
+"""Band of the response time of Fig. 5: 5 %."""
 FREQUENCY_20_DEGC = 43_390.0
-"""Resonance in Hz at 20 degC: where the plate really is in Fig. 5 and 6."""
+"""Resonance in Hz at 20 degC: that of the plate in Fig. 5 and 6."""
 REFERENCES = ((0.2, 0.3), (0.3, 0.4), (0.4, 0.5), (0.5, 0.6))
-"""Lower and upper coefficient of friction asked of subjects 1 to 4 in Fig. 7."""
+"""Lower and upper COF reference of subjects 1 to 4 in Fig. 7."""
 RISE_TIMES_MS = (3.37, 3.41, 2.87, 5.72)
 OVERSHOOTS_PERCENT = (27.6, 44.4, 48.0, 30.0)
 RISE_TIME_MS = (3.84, 1.27)
@@ -143,16 +143,16 @@ PUBLISHED: tuple[Published, ...] = (
     ),
     *_subject_rows(),
 )
-"""Every figure a result is laid beside, in the order of the paper."""
+"""All figures with which results are compared, in the order of the paper."""
 
 
 def published(key: str) -> str:
-    """Show the paper's number for a result beside it; empty if it gives none.
+    """Return the paper's number as a text to follow a result; empty if there is none.
 
     Parameters
     ----------
     key
-        Where the result stands in the summary.
+        Key of the result in the summary.
     """
     values = [row.value for row in PUBLISHED if row.key == key and row.value is not None]
     return f" (paper {values[0]:g})" if values else ""

@@ -1,7 +1,7 @@
-"""The results beside the paper's: as text for the terminal and as one page with its figures.
+"""The results beside the paper's: as text for the terminal, and as one page with its figures.
 
-The page stands alone: style and pictures are inside, nothing is fetched. Figures need matplotlib
-(extra ``report``); `table_text` and `compare` do not.
+The page is self-contained: style and pictures are inside, nothing is fetched. Figures need
+matplotlib (extra ``report``); `table_text` and `compare` do not.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from smarttac_can.population.steps import UndefinedError
 INSIDE, OUTSIDE, MISSING, NOT_JUDGED = "inside", "outside", "missing", ""
 _MARKS = {INSIDE: "✓", OUTSIDE: "✗", MISSING: "?"}
 _NUMBERS_OF = {"fig7": "table1"}
-"""Under which key the numbers of a figure stand, where that is not its name."""
+"""Key of the numbers of a figure, if it is not the name of the figure."""
 _WHOLE_FROM = 1000
 INDEX = "index.html"
 CAPTIONS = {
@@ -52,7 +52,7 @@ FILES = (
     *(TRACES, RESULTS, CANDUMP, INDEX),
     *(f"{name}.{form}" for name in CAPTIONS for form in ("png", "svg")),
 )
-"""All files that a run of the experiments and its report may have."""
+"""All files that the experiments and their report may create."""
 _NAMES = dict(zip(LOOPS, ("amplitude loop alone", "both loops"), strict=True))
 STEP_COLUMNS = {
     "rise_time_ms": "Rise or fall (ms)",
@@ -66,13 +66,13 @@ class Comparison(NamedTuple):
 
     published: Published
     value: float | None
-    """The result; None where there is none."""
+    """The result; None if there is none."""
     reason: str
-    """Why there is no result; empty where there is one."""
+    """Why there is no result; empty if there is one."""
 
     @property
     def verdict(self) -> str:
-        """``inside`` or ``outside`` the band, ``missing``, or empty where no band is stated."""
+        """``inside`` or ``outside`` the band, ``missing``, or empty if there is no band."""
         low, high = self.published.low, self.published.high
         if low is None or high is None:
             return NOT_JUDGED
@@ -82,7 +82,7 @@ class Comparison(NamedTuple):
 
 
 def compare(summary: Mapping[str, Any]) -> list[Comparison]:
-    """Lay the paper's figures beside the results, from `smarttac_can.paper.reproduce.summary`."""
+    """Compare results, from `smarttac_can.paper.reproduce.summary`, with the paper's figures."""
     comparisons = []
     for published in PUBLISHED:
         value = _look_up(summary, published.key)
@@ -93,7 +93,7 @@ def compare(summary: Mapping[str, Any]) -> list[Comparison]:
 
 
 def table_text(summary: Mapping[str, Any]) -> str:
-    """Show result, paper, band and verdict as plain text, with the run's parameters."""
+    """Return result, paper, band and verdict as plain text, with the run's parameters."""
     rows = [("", "", "result", "paper", "band", "")]
     rows += [
         (
@@ -119,12 +119,12 @@ def table_text(summary: Mapping[str, Any]) -> str:
 
 
 def dead_time_table(without: Mapping[str, Any], with_it: Mapping[str, Any]) -> str:
-    """Lay the vibration results without and with dead time side by side, as plain text.
+    """Return the vibration results without and with dead time side by side, as plain text.
 
     Parameters
     ----------
     without, with_it
-        Results as from `smarttac_can.paper.reproduce.summary`.
+        Results from `smarttac_can.paper.reproduce.summary`.
     """
     heads = [f"dead time {results['dead_time_us']:.0f} us" for results in (without, with_it)]
     lines = [f"{'':<40}" + "".join(f"{head:>20}" for head in heads) + f"{'paper':>10}"]
@@ -143,12 +143,12 @@ def dead_time_table(without: Mapping[str, Any], with_it: Mapping[str, Any]) -> s
 
 
 def vibration_table(results: Mapping[str, Any]) -> str:
-    """Show overshoot, and settling after a step if there was one, as plain text.
+    """Return overshoot, and settling after a step if there was one, as plain text.
 
     Parameters
     ----------
     results
-        As from `smarttac_can.paper.reproduce.summary`, with Fig. 5.
+        Results from `smarttac_can.paper.reproduce.summary`, with Fig. 5.
     """
     lines = []
     for loops, name in _NAMES.items():
@@ -170,15 +170,14 @@ def write_report(
 
     Parameters
     ----------
-    directory
-        Made if it does not exist; files of the same names are replaced.
+        Directory; created if it does not exist. Files of the same names are replaced.
     traces, summary
-        The runs and their `smarttac_can.paper.reproduce.summary`.
+        Traces of the runs and their `smarttac_can.paper.reproduce.summary`.
 
     Returns
     -------
     Path
-        The page.
+        Path of the page.
     """
     directory.mkdir(parents=True, exist_ok=True)
     traces = list(traces)
@@ -216,9 +215,9 @@ def write_report(
 def _pictures(
     traces: list[Trace], law_name: str
 ) -> Iterator[tuple[str, dict[str, bytes] | UndefinedError]]:
-    """Yield the name of each figure and its picture by format, or why there is none.
+    """Yield the name of each figure with its picture by format, or why there is none.
 
-    The one that shows what the instrument is for comes first.
+    The figure that shows the purpose of the instrument comes first.
     """
     from smarttac_can.bench.drawing import rendered  # noqa: PLC0415  matplotlib is an extra
     from smarttac_can.paper import figures  # noqa: PLC0415
@@ -247,7 +246,7 @@ def _page() -> str:
 
 
 def _look_up(summary: Mapping[str, Any], key: str) -> float | None:
-    """Follow a key such as ``table1.subjects[0].rise_time_ms``; None where it leads nowhere."""
+    """Follow a key such as ``table1.subjects[0].rise_time_ms``; return None if it is missing."""
     value: Any = summary
     for name, index in re.findall(r"(\w+)|\[(\d+)\]", key):
         try:
@@ -271,7 +270,6 @@ def _parameters(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def _number(value: float) -> str:
-    """Show a number with four significant digits, or as a whole number from 1000 on."""
     return f"{value:.0f}" if abs(value) >= _WHOLE_FROM else f"{value:#.4g}".rstrip(".")
 
 
@@ -315,14 +313,14 @@ def _verdict_html(item: Comparison) -> str:
 
 
 def _badge_html(item: Comparison, text: str) -> str:
-    """Show a text in the colour of the verdict; empty if there is none."""
+    """Return a text in the colour of the verdict; empty if there is no verdict."""
     if item.verdict == NOT_JUDGED:
         return ""
     return f'<span class="{item.verdict}">{_MARKS[item.verdict]} {escape(text)}</span>'
 
 
 def _steps_html(table: Mapping[str, Any]) -> str:
-    """Show rise, overshoot and static error of the subjects, by direction and by curve."""
+    """Return rise, overshoot and static error of the subjects, by direction and by curve."""
     blocks = (
         ("Up-step, mean curve", table),
         ("Up-step, single touches", table["touches"]),
@@ -354,7 +352,7 @@ def _figure_html(name: str, png: bytes, comparisons: Sequence[Comparison]) -> st
 
 
 def _beside_html(name: str, comparisons: Sequence[Comparison]) -> str:
-    """Lay the paper's numbers on a figure beside ours; empty if it has none."""
+    """Return a table of the paper's numbers on a figure beside ours; empty if there are none."""
     rows = "".join(
         f'<tr><th scope="row">{escape(item.published.name)}</th>'
         f"<td>{escape(_with_unit(item.value, item))}</td>"

@@ -1,4 +1,4 @@
-"""Run the paper's experiments; keep what they gave in a folder, their results as plain data."""
+"""Run the paper's experiments, store traces in a folder, and compute the results as plain data."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ RESULTS: Final = "results.json"
 CANDUMP: Final = "candump.log"
 
 Progress = Callable[[float], None]
-"""Called after every run with the share that is done, 0..1."""
+"""Function called after every run with the fraction done, 0..1."""
 
 
 def friction_step(E: float) -> float:
-    """Step of the amplitude in m for a friction error in %: eq. (9) with the paper's numbers."""
+    """Return the step of the amplitude in m for a friction error in %: eq. (9) of the paper."""
     p = CascadeParameters()
     return limited_step(p.slope, p.step_max, E)
 
@@ -68,20 +68,20 @@ def reproduce(
     conditions
         Seed, law, dead time and fingers.
     link
-        ``local`` without a bus, ``bus`` over two CANopen nodes on a virtual CAN bus: the same
+        ``local`` without a bus, ``bus`` with two CANopen nodes on a virtual CAN bus: the same
         numbers.
     folder
-        Where `TRACES`, `RESULTS` and, over the bus, `CANDUMP` are written; made if it does not
-        exist. None keeps nothing.
+        Folder for `TRACES`, `RESULTS` and, with a bus, `CANDUMP`; created if it does not exist.
+        None to keep no files.
     progress
-        Told of every run.
+        Function called after every run.
 
     Returns
     -------
     traces : list of Trace
-        Every run.
+        Traces of all runs.
     results : dict
-        As from `smarttac_can.paper.reproduce.summary`.
+        Results, as from `smarttac_can.paper.reproduce.summary`.
     """
     with ExitStack() as stack:
         if folder is None:
@@ -126,7 +126,7 @@ def _log(folder: Path, link: LinkName) -> Iterator[Callable[..., None] | None]:
 
 
 class _Section(dict[str, Any]):
-    """A part of the summary that knows its own key, to say which values are missing and why."""
+    """A part of the summary with its own key, to report which values are missing and why."""
 
     def __init__(self, key: str, reasons: dict[str, str]) -> None:
         super().__init__()
@@ -157,29 +157,28 @@ class _Section(dict[str, Any]):
 def summary(
     traces: Iterable[Trace], conditions: Conditions, *, link: str, trace_sha256: str
 ) -> dict[str, Any]:
-    """Gather all results of the paper's experiments as plain data for JSON.
+    """Return all results of the paper's experiments as plain data for JSON.
 
     Parameters
     ----------
     traces
-        The runs, labelled ``fig2.<amplitude>``, ``fig5.amplitude_only``,
-        ``fig5.amplitude_and_frequency``, ``fig5.step.<the same>`` and ``table1``. What was not run
-        is None.
+        Traces of the runs, labelled ``fig2.<amplitude>``, ``fig5.amplitude_only``,
+        ``fig5.amplitude_and_frequency``, ``fig5.step.<the same>`` and ``table1``.
     conditions
-        Of the runs.
+        Conditions of the runs.
     link
-        Over which they went.
+        Link of the runs.
     trace_sha256
         SHA-256 of the file of traces.
 
     Returns
     -------
     dict
-        Keys as in `smarttac_can.paper.references`. None is what was not run or does not exist:
-        then ``unavailable`` maps its key to the reason. ``table1`` holds up-steps of the mean
-        curve; ``table1.down`` the same for down-steps; ``touches`` in both the means over single
-        touches, with their spread. ``provenance`` tells what was fitted, what was
-        chosen and then checked, and what emerges.
+        Keys as in `smarttac_can.paper.references`. A value is None if it was not run or does not
+        exist; in the latter case ``unavailable`` maps its key to the reason. ``table1`` holds
+        up-steps of the mean curve; ``table1.down`` the same for down-steps; ``touches`` in both
+        the means over single touches, with their spread. ``provenance`` lists what was fitted,
+        what was chosen and then checked, and what emerges.
     """
     traces = list(traces)
     reasons: dict[str, str] = {}
@@ -287,7 +286,7 @@ def _sample_std(values: Sequence[float | None]) -> float:
 
 
 def _complete(values: Sequence[float | None], *, at_least: int) -> list[float]:
-    """Refuse to average over what is there when something is missing."""
+    """Return the values; raise UndefinedError if one is missing, or there are too few."""
     present = [value for value in values if value is not None]
     if len(present) < len(values) or len(present) < at_least:
         needed = max(len(values), at_least)
@@ -305,17 +304,17 @@ _FINGERS: Final[dict[SubjectSet, str]] = {
     "what the model can do, and predicts nothing.",
 }
 _FREE_PARAMETERS: Final[dict[SubjectSet, int]] = {"presets": 20, "fitted": 24}
-"""Of the fingers; they aim at the 8 numbers of Table I."""
+"""Number of free parameters of the fingers; their aims are the 8 numbers of Table I."""
 
 
 def provenance(subjects: SubjectSet) -> dict[str, Any]:
-    """Sort the results of a run, by their keys, for JSON.
+    """Return the keys of the results of a run by their `Origin`, for JSON.
 
     Returns
     -------
     dict
-        The keys of the results by their `Origin`, with the number of the fingers' free parameters
-        and of the numbers they aim at.
+        Keys of the results by origin, with the number of free parameters of the fingers and of
+        the numbers that they aim at.
     """
     aims = _keys("fitted")
     return {
@@ -332,7 +331,7 @@ def _keys(origin: Origin) -> list[str]:
 
 
 def fitted(subjects: SubjectSet) -> tuple[str, ...]:
-    """Return what was taken from the figures it is compared with, or searched for to meet them."""
+    """Return what was computed from the figures it is compared with, or fitted to them."""
     return (*_FITTED, _FINGERS[subjects])
 
 
@@ -351,11 +350,11 @@ CHOSEN: Final = (
     "then checked, with controllers designed from a model that was identified on the warm plate in "
     "the same run.",
 )
-"""What was decided with the paper's figures in sight, and then checked against them."""
+"""Design choices made with knowledge of the paper's figures, and then checked against them."""
 
 EMERGES: Final = (
     "The frequency the resonance loop finds, and the amplitude it takes to.",
     "The static error of the friction loop, the values of single touches, and the down-steps.",
     "That the result is the same for other seeds of noise, force and speed.",
 )
-"""What nobody typed in."""
+"""Results that follow from the model, without being entered."""

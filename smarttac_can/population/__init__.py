@@ -1,4 +1,4 @@
-"""Random fingers in closed loop with the plate: the formulas of both, compiled where numba is."""
+"""Random fingers in closed loop with the plate, compiled if numba is installed."""
 
 from smarttac_can.population.fingers import CASES, draw_finger
 from smarttac_can.population.trial import Campaign, outcome_of

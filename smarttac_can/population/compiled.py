@@ -1,9 +1,9 @@
-"""The same functions, compiled by numba where it is installed.
+"""The functions of the loop, compiled if numba is installed.
 
-Numba compiles no function that another one finds among its globals. So each is made anew with
-globals in which the functions of this package that it calls are compiled ones; plant and
-controllers know nothing of it. Arithmetic gives the same bits; exp, cos and pow may come from
-another library and differ in the last one.
+Numba does not compile a function that another one finds among its globals. So each function is
+copied with globals in which the functions of this package that it calls are compiled ones. Plant
+and controllers need not know of it. Arithmetic gives the same bits; exp, cos and pow may come from
+another library and differ in the last bit.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def can_compile() -> bool:
-    """Whether numba is installed, and the formulas are as Python has them.
+    """Return whether numba is installed, and the formulas are functions of Python.
 
-    In a build by mypyc they are not: numba would find no code in them.
+    In a build with mypyc they are not, and numba would find no code in them.
     """
     return find_spec("numba") is not None and isinstance(follow, FunctionType)
 
 
 def compiled(function: Function) -> Function:
-    """Return a function of this package compiled, with all that it calls.
+    """Return a compiled copy of a function of this package, with all functions that it calls.
 
-    It is compiled when it is first called, and releases the global lock: threads share the work.
-    All that it calls is inlined: without that, copying the tuples of a step from function to
-    function takes a third of the time.
+    It is compiled at the first call, and releases the global lock, so that threads run in parallel.
+    All called functions are inlined: otherwise copying the tuples of a step between functions takes
+    a third of the time.
 
     Raises
     ------
     ImportError
-        Without numba.
+        If numba is missing.
     """
     jit = import_module("numba").njit(nogil=True, forceinline=True)
     made: dict[FunctionType, Any] = {}

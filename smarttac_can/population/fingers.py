@@ -15,7 +15,7 @@ from smarttac_can.plant.subjects import SUBJECTS, Subject
 
 
 class Case(NamedTuple):
-    """A mismatch, and how large."""
+    """A mismatch between plate and controllers, or a kind of finger."""
 
     path_frequency: float = 1.0
     """Factor of the force path's natural frequency."""
@@ -24,22 +24,22 @@ class Case(NamedTuple):
     slope: float = 1.0
     """Factor of the friction law's step per % of error."""
     variation: float = 0.2
-    """Half-width of force and speed from pass to pass, as a fraction."""
+    """Half-width of the range of force and speed from pass to pass, as a fraction."""
     stribeck: float | None = None
-    """Stribeck ratio of all fingers; None for one at random."""
+    """Stribeck ratio of all fingers; None for random ones."""
     lifts: bool = False
-    """Whether the finger lifts each second, for 0.1 s."""
+    """Whether the finger lifts every second, for 0.1 s."""
     sweats: bool = False
-    """Whether mu0 rises by 5 % a second at first, on the way to three times."""
+    """Whether mu0 rises, by 5 % per second at first, to three times its value."""
     film_lag: float = 0.0
     """Time constant of the squeeze film in s."""
     ripple: float = 0.0
-    """Swing of the amplitude under a moving finger, as a fraction."""
+    """Variation of the amplitude under a moving finger, as a fraction."""
     wider: float = 0.0
-    """How much wider the ranges of the fingers are, as a fraction."""
+    """Increase of the ranges of the fingers, as a fraction."""
     coupling: float = 0.0
-    """Correlation, 0..1, by which a finger that damps more loses its friction at less amplitude:
-    of the normal scores of load_damping and -W0 before maps that span too little are drawn again
+    """Correlation, 0..1, with which a finger of more damping loses its friction at less amplitude:
+    between the normal scores of load_damping and -W0, before maps with too small a span are redrawn
     [sign: Friesen 2016; size: an assumption]."""
 
 
@@ -68,14 +68,14 @@ _FINGER_STREAM: Final = 0x46
 F0: Final = 43390.0
 """Frequency in Hz at which the fingers are vibrated."""
 TRAVEL: Final = 30e-3
-"""Distance of the turning points in m: at 150 mm/s 80 ms are left after the boundary."""
+"""Distance of the turning points in m; at 150 mm/s, 80 ms remain after the boundary."""
 W_LEAST, W_MOST = 0.25e-6, 2.5e-6
-"""Vibrations in m between which a map has to span `SPAN`, and the references lie."""
+"""Amplitudes in m between which a map must span `SPAN`, and the references lie."""
 SPAN: Final = 0.13
 STEP: Final = 0.1
-"""Of the reference at the boundary."""
+"""Step of the reference at the boundary, in COF."""
 _SWEAT, _SWEAT_RATE = 2.0, 0.05
-"""Rise of mu0 of a finger that sweats, and its share in a second at first."""
+"""Relative rise of mu0 of a sweating finger, and its initial rate per s."""
 UNIFORM: Final = {
     "mu0": (0.3, 0.9),
     "rho": (0.15, 0.5),
@@ -87,7 +87,7 @@ UNIFORM: Final = {
     "speed": (0.03, 0.1),
     "force": (0.3, 0.9),
 }
-"""Ranges, in SI units, of what is uniform."""
+"""Ranges of uniformly distributed parameters, in SI units."""
 _LOGARITHMIC: Final = {
     "skin_stiffness": (500.0, 2000.0),
     "skin_damping": (0.5, 2.0),
@@ -95,10 +95,10 @@ _LOGARITHMIC: Final = {
     "skin_mass": (0.05e-3, 0.2e-3),
 }
 _LEAST_SHARE: Final = 2.0**-53
-"""Of a draw that the normal distribution can invert."""
+"""Least random number that the inverse of the normal distribution accepts."""
 _LEAST: Final = {"exponent": 2.0 / 3.0, "stribeck": 1.0}
 _MOST: Final = {"exponent": 1.0}
-"""Bounds of a fingertip that a wider range would leave."""
+"""Bounds of parameters of a fingertip that a wider range would exceed."""
 
 
 class Finger(NamedTuple):
@@ -116,20 +116,20 @@ class Finger(NamedTuple):
 
 
 def lift(time: float) -> float:
-    """Return the share of its force that a finger which lifts each second has at a time in s."""
+    """Return the force at a time in s, as a fraction, of a finger that lifts every second."""
     since = time % LIFT_PERIOD
     return max(1.0 - smooth(since / LIFT_RAMP), smooth((since - LIFT_LENGTH) / LIFT_RAMP))
 
 
 def draw_finger(seed: int, number: int, case: Case) -> Finger:
-    """Draw a finger whose map spans enough; what is drawn for one does not depend on the others.
+    """Draw a finger whose map spans enough, independently of all other fingers.
 
     Parameters
     ----------
     seed
-        Of the campaign, 0 or more.
+        Seed of the campaign, 0 or more.
     number
-        Of the finger, 0 or more.
+        Number of the finger, 0 or more.
     case
         Ranges and mismatches.
     """
@@ -165,7 +165,6 @@ def stroke_of(finger: Finger, case: Case) -> Stroke:
 
 
 def _draw(rng: np.random.Generator, case: Case) -> dict[str, float]:
-    """Draw all that differs, from the ranges of a case."""
     names = (*UNIFORM, *_LOGARITHMIC)
     shares = dict(zip(names, rng.random(len(names)).tolist(), strict=True))
     if case.coupling:
@@ -183,7 +182,7 @@ def _draw(rng: np.random.Generator, case: Case) -> dict[str, float]:
 
 
 def _coupled(by: float, own: float, coupling: float) -> float:
-    """Return a uniform share 0..1 that falls as another one rises: a Gaussian copula."""
+    """Return a uniform number 0..1 that is negatively correlated to another: Gaussian copula."""
     normal = NormalDist()
     first, second = (normal.inv_cdf(max(share, _LEAST_SHARE)) for share in (by, own))
     return normal.cdf(sqrt(1.0 - coupling * coupling) * second - coupling * first)

@@ -1,9 +1,10 @@
-"""A curve of the COF around a switch of its reference, and what it is judged by.
+"""A curve of the COF around a switch of its reference, and its metrics.
 
 *Levels* of a step are the means of the curve itself before the switch and from 40 ms after it.
 Rise time (10 to 90 %) and overshoot are taken in % of the step between these levels, as the state
 levels of IEEE 181; the distance of the levels to the references is the static error. So the three
-numbers do not leak into each other. Metrics that do not exist for a curve raise `UndefinedError`.
+numbers are independent of each other. A metric that does not exist for a curve raises
+`UndefinedError`.
 """
 
 from __future__ import annotations
@@ -20,9 +21,9 @@ BEFORE_MS, AFTER_MS = 20, 80
 SETTLED_MS = 40
 """From here on after the switch a curve counts as static."""
 _RISING, _RISEN = 0.1, 0.9
-"""Shares of a step between which it rises."""
+"""Fractions of a step between which its rise time is measured."""
 _LEAST_SHARE = 0.5
-"""Share of the step asked for that a curve has to make to be one."""
+"""Least fraction of the reference step that a curve must reach to have metrics."""
 
 
 class UndefinedError(ValueError):
@@ -33,7 +34,7 @@ class Step(NamedTuple):
     """A curve of mu around a switch of its reference."""
 
     time_ms: Floats
-    """Time in ms after the switch; mu of time 0 cannot know of it yet."""
+    """Time in ms after the switch; mu at time 0 does not depend on the switch yet."""
     mu: Floats
     before: float
     """Reference before the switch."""
@@ -51,7 +52,7 @@ class Step(NamedTuple):
         Raises
         ------
         UndefinedError
-            If the levels are less than half of the step asked for apart.
+            If the levels differ by less than half of the reference step.
         """
         start, end = self.levels()
         share = (end - start) / (self.after - self.before)
@@ -63,7 +64,7 @@ class Step(NamedTuple):
 def rise_time(step: Step) -> float:
     """Return the time in ms from 10 % to 90 % of the step, up or down, interpolated linearly.
 
-    From the last passage of 10 % ahead of the first passage of 90 % after the switch.
+    The rise begins at the last passage of 10 % before the first passage of 90 % after the switch.
     """
     share = step.normalised()
     passes = (share[:-1] < _RISEN) & (share[1:] >= _RISEN) & (step.time_ms[1:] > 0)
@@ -80,7 +81,7 @@ def rise_time(step: Step) -> float:
 
 
 def overshoot_percent(step: Step) -> float:
-    """Return how far mu passes its level after the switch, in % of the step."""
+    """Return the overshoot of mu beyond its level after the switch, in % of the step."""
     return 100 * (float(np.max(step.normalised()[step.time_ms > 0])) - 1)
 
 
@@ -95,4 +96,4 @@ STEP_METRICS: Final[dict[str, Callable[[Step], float]]] = {
     "overshoot_percent": overshoot_percent,
     "static_error_percent": static_error_percent,
 }
-"""What Table I and its neighbours hold of each step."""
+"""Metrics of each step in Table I and in the tables beside it."""

@@ -1,7 +1,7 @@
-"""One finger of a campaign: its closed loop, its set-up, its run, and what came out.
+"""One finger of a campaign: closed loop, set-up, run, and result.
 
-The loop is plain functions, compiled or not. It steps plate and controllers as the nodes do,
-without what a bench may change in between.
+The loop consists of plain functions, compiled or not. It steps plate and controllers as the nodes
+do, without changes by a bench during the run.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ from smarttac_can.vocabulary.signals import TARE_SAMPLES, TICK, MeasurementField
 from smarttac_can.vocabulary.states import Law, Mode, VibrationLaw
 
 Table = Floats | Sequence[Sequence[float]]
-"""Rows of numbers: an array where it is compiled, lists where not, of which Python reads faster."""
+"""Rows of numbers: an array for compiled code, or lists, which Python reads faster."""
 
 
 class Setup(NamedTuple):
@@ -67,20 +67,20 @@ class Setup(NamedTuple):
     plan: PlatePlan
     path: Path
     passes: Table
-    """A row for each pass, to the end of the run."""
+    """A row for each pass, until the end of the run."""
     lifts: bool
-    """Whether the finger lifts each second."""
+    """Whether the finger lifts every second."""
 
 
 class Asked(NamedTuple):
-    """What is asked of the controllers."""
+    """Mode and set-points of the controllers."""
 
     mode: int
     setpoint: Setpoint
 
 
 class Loop(NamedTuple):
-    """The loop at a tick."""
+    """State of the loop at a tick."""
 
     tick: int
     plate: PlateState
@@ -91,7 +91,7 @@ class Loop(NamedTuple):
 def finger_at(
     path: Path, passes: Table, number: int, time: float, lifts: bool
 ) -> tuple[float, float]:
-    """Return position in m and normal force in N at a time in s, in a pass of this number."""
+    """Return position in m and normal force in N at a time in s, in the pass `number`."""
     row = passes[number]
     now = Pass(row[0], row[1], row[2], row[3])
     Fn_before = passes[number - 1][3] if number else now.Fn
@@ -107,27 +107,27 @@ def run(
     noise: Table,
     traces: Floats,
 ) -> tuple[Loop, Forces]:
-    """Let a finger stroke while the controllers are in a mode.
+    """Run the loop with a stroking finger and the controllers in one mode.
 
     Parameters
     ----------
     setup
         Plate and finger.
     plan
-        What is regulated by.
+        Plan of the controllers.
     loop
-        Where the run goes on.
+        State in which the run begins.
     asked
         Mode and set-point.
     noise
-        A row of 9 for each tick, and for the one after the last.
+        A row of 9 values for each tick, and for the one after the last.
     traces
-        Filled, a row for each tick: true COF, measured COF, 1.0 right of the boundary.
+        Array to fill, a row per tick: true COF, measured COF, 1.0 right of the boundary.
 
     Returns
     -------
     loop, sums
-        Where it has come to, and the sums of the samples of S1..S6 in N.
+        State at the end, and the sums of the samples of S1..S6 in N.
     """
     plate_plan, path, passes, lifts = setup
     mode, setpoint = asked
@@ -159,7 +159,7 @@ def run(
 
 
 def _pass_at(passes: Table, number: int, time: float) -> int:
-    """Return the number of the pass at a time in s, which is that of one before or a later one."""
+    """Return the number of the pass at a time in s, searching from `number` on."""
     while number + 1 < len(passes) and time >= passes[number + 1][0]:
         number += 1
     return number
@@ -167,14 +167,14 @@ def _pass_at(passes: Table, number: int, time: float) -> int:
 
 Flags = NDArray[np.bool_]
 LEARNING: Final = 4
-"""Switches of the reference that are not judged: a law may learn the finger there."""
+"""Number of switches of the reference at first that are not judged, so that a law may learn."""
 NO_STEP: Final = 100.0
 """Overshoot in % that a finger without a step counts as."""
 _TIME_MS: Final = np.arange(-BEFORE_MS, AFTER_MS + 1, dtype=np.float64)
 
 
 class Figures(NamedTuple):
-    """Of one curve of the COF."""
+    """Metrics of one curve of the COF."""
 
     rise_time_ms: float
     """Infinite without a step."""
@@ -186,26 +186,26 @@ class Figures(NamedTuple):
 
 
 class Traces(NamedTuple):
-    """A run, one element a tick."""
+    """Traces of a run, one element per tick."""
 
     mu_true: Floats
     mu: Floats
-    """Measured; 0 without contact."""
+    """Measured COF; 0 without contact."""
     right: Floats
-    """1.0 where the reference is that right of the boundary."""
+    """1.0 where the reference is the one right of the boundary."""
     steady: Flags
     """Whether force and speed of the finger are constant."""
 
 
 class Outcome(NamedTuple):
-    """What is kept of a finger."""
+    """Result of a finger."""
 
     true: Figures
     measured: Figures
 
 
 def outcome(run: Traces, mu_left: float, mu_right: float) -> Outcome:
-    """Judge a run between these references."""
+    """Return the metrics of a run between these references."""
     switches = np.flatnonzero(np.diff(run.right)) + 1
     touching = run.mu > 0.0
     judged = switches[LEARNING:]
@@ -222,7 +222,7 @@ def outcome(run: Traces, mu_left: float, mu_right: float) -> Outcome:
 
 
 def _whole(switch: int, touching: Flags, right: Floats) -> bool:
-    """Whether a touch is there from 20 ms before to 80 ms after, with one switch."""
+    """Return whether the window of 20 ms before to 80 ms after has contact and only this switch."""
     window = slice(switch - BEFORE_MS, switch + AFTER_MS + 1)
     alone = np.count_nonzero(np.diff(right[window])) == 1
     return bool(alone and len(right) >= window.stop and touching[window].all())
@@ -231,7 +231,7 @@ def _whole(switch: int, touching: Flags, right: Floats) -> bool:
 def _figures(
     mu: Floats, around: NDArray[np.intp], settled: Flags, references: tuple[float, float]
 ) -> Figures:
-    """Judge a curve of the COF by the ticks around each up-step, and by those that are settled."""
+    """Return the metrics of a curve, from the ticks around up-steps and from settled ticks."""
     chatter = _chatter(mu, settled)
     if not len(around):
         return Figures(inf, NO_STEP, nan, chatter)
@@ -244,7 +244,7 @@ def _figures(
 
 
 def _chatter(mu: Floats, settled: Flags) -> float:
-    """Return the standard deviation within stretches of settled ticks, each about its own mean."""
+    """Return the standard deviation within sections of settled ticks, about the mean of each."""
     edges = np.flatnonzero(np.diff(settled, prepend=False, append=False))
     if not len(edges):
         return nan
@@ -267,7 +267,7 @@ PASSES: Final = 16
 
 @dataclass(frozen=True, slots=True)
 class Campaign:
-    """What the fingers of a campaign have in common.
+    """Parameters that all fingers of a campaign share.
 
     Raises
     ------
@@ -276,17 +276,17 @@ class Campaign:
     """
 
     seed: int = 1
-    """Of the fingers, their motion and the noise, 0..2^32 - 1."""
+    """Seed of the fingers, their motion and the noise, 0..2^32 - 1."""
     law: Law = Law.MEASURED
     """Friction law."""
     vibration_law: VibrationLaw = VibrationLaw.PI
-    """How amplitude and resonance are regulated."""
+    """Law for amplitude and resonance."""
     dead_time: float = 0.0
     """Time in s from the tick until the new drive is in force, 0..999e-6."""
     case: str = "nominal"
     """Name in `CASES`."""
     parameters: CascadeParameters = field(init=False)
-    """Of the controllers, which follow from these."""
+    """Parameters of the controllers, which follow from the others."""
 
     def __post_init__(self) -> None:
         if self.case not in CASES:
@@ -317,7 +317,7 @@ def traces_of(campaign: Campaign, finger: Finger) -> Traces:
     Parameters
     ----------
     campaign
-        What all fingers have in common.
+        Parameters that all fingers share.
     finger
         The finger.
     """
@@ -356,7 +356,7 @@ def traces_of(campaign: Campaign, finger: Finger) -> Traces:
 
 
 def _steady(ticks: int, path: Path, passes: list[Pass], lifts: bool) -> Flags:
-    """Return where the finger slides at the constant force and speed of a pass."""
+    """Return the ticks at which the finger slides with the constant force and speed of a pass."""
     steady = np.zeros(ticks, dtype=np.bool_)
     for now in passes:
         ramp = ramp_of(path, now)
@@ -383,7 +383,7 @@ def fastest() -> Runner:
 
 
 def plain() -> Runner:
-    """Return the loop as it stands in the file; Python reads lists faster than arrays."""
+    """Return the loop without compilation; Python reads lists faster than arrays."""
     return run, lambda rows: rows.tolist() if isinstance(rows, np.ndarray) else rows
 
 

@@ -1,4 +1,4 @@
-"""A log of frames replayed: what a stimulator says to what it heard, against what it said then."""
+"""Replay of a log: compare the frames that a stimulator recomputes with those in the log."""
 
 from smarttac_can.replay.replay import Difference, DifferenceError, Replay, Replayed
 

@@ -1,4 +1,4 @@
-"""A log of frames, frame by frame, against a stimulator that hears it; no clock, no file."""
+"""Replay of a log of frames against a stimulator that receives them; no clock, no file."""
 
 from __future__ import annotations
 
@@ -37,24 +37,24 @@ from smarttac_can.vocabulary.signals import TICK_US
 
 _RESETS: Final = (NMTCommand.RESET_NODE, NMTCommand.RESET_COMMUNICATION)
 _LACKING_US: Final = 100_000
-"""A frame that is not in the log so long after it was due is not in the log."""
+"""Time in us after which a due frame that is not in the log counts as missing."""
 _BACKWARDS_US: Final = 1_000_000
-"""Stamps of frames that cross one another may be out of order, by much less."""
+"""Larger steps back in time are errors; frames that overtake each other differ by much less."""
 _SHUTDOWN: Final = 4
-"""Frames that a node sends behind its last drive, of 0 V, when its process ends."""
+"""Frames that a node sends after its last drive, of 0 V, when its process ends."""
 LATE_US: Final = 20_000
-"""A process that runs hears a frame, and acts on what is due, within this time."""
+"""Time in us within which a running process handles a frame, and acts on due timers."""
 _STILL_US: Final = 100_000
-"""One that says nothing may be held up for longer."""
+"""Longer time in us for a process that sends nothing, because it may be paused."""
 _CREEP_US: Final = 0.1
-"""By how much a period of SYNC may differ by two clocks: 100 ppm of a millisecond, more than quartz
-does."""
+"""Most us by which a period of SYNC differs between two clocks: 100 ppm of 1 ms, more than for
+quartz clocks."""
 Stamped = tuple[int, Frame]
 """A frame with a time of the log in us."""
 _MOST_HELD: Final = 300
-"""Frames that are kept: 100 measurements, more than a process that runs ever misses."""
+"""Most frames that are kept: 100 measurements, more than a running process ever misses."""
 _TICKS: Final = 1 << 8
-"""A drive carries as many bits of the tick."""
+"""Modulus of the tick in a drive."""
 NOTHING: Final = "nothing"
 _INITIATED: Final = (2, 3)
 """Command specifiers of SDO answers that name the object."""
@@ -62,10 +62,10 @@ _SERVICES: Final = {EMCY_ID: "EMCY", SDO_TX_ID: "SDO answer", HEARTBEAT_ID: "hea
 
 
 class Field(NamedTuple):
-    """What differs in a frame."""
+    """A difference in a frame."""
 
     name: str
-    """Of the object, or of the part of the frame."""
+    """Name of the object, or of the part of the frame."""
     recorded: str
     recomputed: str
 
@@ -74,19 +74,19 @@ class Difference(NamedTuple):
     """The first frame in which a log and its replay differ."""
 
     number: int
-    """Of the frame in the log, from 1; of the last one before a frame that the log lacks."""
+    """Number of the frame in the log, from 1; if the log lacks a frame, the number before it."""
     time_s: float
-    """Since the first frame of the log."""
+    """Time in s since the first frame of the log."""
     what: str
-    """What kind of frame it is."""
+    """Kind of the frame."""
     can_id: int
     recorded: Frame | None
     recomputed: Frame | None
     fields: tuple[Field, ...]
-    """Empty where one of the two frames is missing."""
+    """Differences; empty if one of the two frames is missing."""
 
     def __str__(self) -> str:
-        """Say it in one line."""
+        """Return the difference in one line."""
         where = f"frame {self.number} at {self.time_s:.6f} s"
         what = f"{self.what} ({self.can_id:03X}h)"
         if self.recorded is None:
@@ -99,7 +99,7 @@ class Difference(NamedTuple):
         return f"{where}, {what}: {'; '.join(shown)}"
 
     def as_json(self) -> dict[str, object]:
-        """Return it for JSON."""
+        """Return the difference for JSON."""
         return {
             "frame": self.number,
             "time_s": round(self.time_s, 6),
@@ -112,31 +112,31 @@ class Difference(NamedTuple):
 
 
 class Replayed(NamedTuple):
-    """What was compared."""
+    """Extent of a comparison."""
 
     frames: int
-    """Frames of the log."""
+    """Number of frames in the log."""
     compared: int
-    """Those of the node that were recomputed and are the same."""
+    """Number of frames of the node that were recomputed and are equal."""
     drives: int
-    """Drives among them, one a cycle."""
+    """Number of drives among them, one per cycle."""
     begun_s: float
-    """When the first boot-up message came, since the first frame of the log."""
+    """Time in s of the first boot-up message, since the first frame of the log."""
     ended_s: float
-    """When the last frame came."""
+    """Time in s of the last frame."""
     power_ons: int
     """How often the node was switched on."""
 
 
 class DifferenceError(ValueError):
-    """A log is not what its replay gives.
+    """A log differs from its replay.
 
     Attributes
     ----------
     difference
-        The first one.
+        First difference.
     so_far
-        What was compared before.
+        Extent of the comparison before it.
     """
 
     def __init__(self, difference: Difference, so_far: Replayed) -> None:
@@ -148,16 +148,17 @@ class DifferenceError(ValueError):
 class Replay:
     """Compares the frames of a log, given one after the other.
 
-    The node begins with its boot-up message, from when on the log says all that it heard.
+    The comparison begins with the boot-up message of the node: from then on the log holds
+    everything that the node received.
 
     Parameters
     ----------
     power_on
-        Makes the node, as its process did at that time.
+        Function that makes the node as its process did.
     node_id
-        Its node-ID.
+        Node-ID of the node.
     lockstep
-        Whether SYNC was its clock.
+        Whether SYNC was the clock of the node.
     """
 
     def __init__(
@@ -177,14 +178,14 @@ class Replay:
         self._frames = self._compared = self._drives = self._power_ons = 0
 
     def take(self, time: int, frame: Frame) -> None:
-        """Take the next frame of the log, with its time stamp in us.
+        """Handle the next frame of the log, with its time stamp in us.
 
         Raises
         ------
         DifferenceError
-            If the node sent it and computes another, or none; or if the log lacks one.
+            If the node sent the frame and computes another one or none, or the log lacks a frame.
         ValueError
-            If time runs backwards.
+            If the time runs backwards.
         """
         if not self._frames:
             self._first = self._time = time
@@ -211,14 +212,14 @@ class Replay:
                 self._require_none_lacking(node)
 
     def end(self) -> Replayed:
-        """Return what was compared, at the end of the log.
+        """Return the extent of the comparison, at the end of the log.
 
         Raises
         ------
         DifferenceError
             If the log lacks a frame.
         ValueError
-            If nothing of the loop was compared, with what the log needs.
+            If no drive was compared; the message says what the log lacks.
         """
         node_id = self._node_id
         if not self._frames:
@@ -249,7 +250,7 @@ class Replay:
         )
 
     def _await_boot_up(self, frame: Frame) -> None:
-        """Begin with a boot-up, but for that of a reset communication, which keeps the rest."""
+        """Begin with a boot-up, except after a communication reset, which keeps the state."""
         if frame == self._boot_up:
             if not self._keeps:
                 self._begun = self._time
@@ -268,7 +269,7 @@ class Replay:
                 self._queued.popleft()
 
     def _hear_queued(self) -> None:
-        """Hear what came behind the reset: it waited until the node had booted."""
+        """Receive the frames after the reset: they waited until the node had booted."""
         node = self._node
         assert node is not None
         for time, frame in self._queued or ():
@@ -292,14 +293,14 @@ class Replay:
             self._switch_on()
         else:
             found = self._differs(node, frame, computed)
-            # Who ends a process leaves the plate at 0 V, and no frame says that this was so. And
-            # a log without any SYNC is no log of a loop: this is what to report.
+            # A process that ends leaves the plate at 0 V, and no frame announces this. If the log
+            # has no SYNC at all, it is not one of a loop, and `end` reports that instead.
             if node.sync_id in self._seen and not (drives and drive_voltage(node.od, frame) == 0):
                 raise found
             self._doubt = found
 
     def _follow_doubt(self, node: ReplayedNode, frame: Frame, doubt: DifferenceError) -> None:
-        """Believe a drive of 0 V that nothing explains, if the node says little more than that."""
+        """Accept an unexplained drive of 0 V if only the frames of a shutdown follow."""
         if frame == self._boot_up:
             self._switch_on()
         elif node.sync_id in self._seen and node.sends(frame):
@@ -321,24 +322,24 @@ class Replay:
 
 
 class ReplayedNode:
-    """A node, and the frames that it computes.
+    """A node with the frames that it computes.
 
-    A log does not say when the node heard a frame that another party sent. So each waits until
-    something that the node sent then needs it, or until the node goes on for 20 ms without.
+    A log does not tell when the node received a frame of another party. So each frame waits until a
+    frame that the node has sent requires it, or until the node has sent later frames for 20 ms.
 
     Parameters
     ----------
     node
-        Switched on now.
+        Node to switch on now.
     time
-        Time in the log in us at which its boot-up message came.
+        Time in us in the log of its boot-up message.
     lockstep
-        Whether SYNC is its clock.
+        Whether SYNC is the clock of the node.
 
     Attributes
     ----------
     od
-        Its object dictionary.
+        Object dictionary of the node.
     """
 
     def __init__(self, node: StimulatorNode, time: int, *, lockstep: bool) -> None:
@@ -347,7 +348,7 @@ class ReplayedNode:
         self._clock = node.clock
         self._lockstep = lockstep
         self._offset = float(time)
-        self._time = self._said = time
+        self._time = self._last_sent = time
         self._waiting: deque[Stamped] = deque()
         self._computed: dict[int, deque[Stamped]] = {}
         self._first = FirstMeasurements(node.od)
@@ -356,39 +357,39 @@ class ReplayedNode:
         self._put(node.start())
 
     def sends(self, frame: Frame) -> bool:
-        """Whether a frame of the log is one of the node itself."""
+        """Return whether a frame of the log was sent by the node itself."""
         return frame.can_id in self._node.ids.sent and not frame.rtr
 
     @property
     def sync_id(self) -> int:
-        """Identifier of SYNC, as the node is configured now."""
+        """Identifier of SYNC in the present configuration of the node."""
         return self._node.ids.sync
 
     def drives(self, frame: Frame) -> bool:
-        """Whether a frame is a drive."""
+        """Return whether a frame is a drive."""
         return self._first.is_drive(frame)
 
     def hear(self, time: int, frame: Frame) -> None:
-        """Take a frame of somebody else."""
+        """Queue a frame of another party."""
         self._waiting.append((time, frame))
 
     def go_on(self, time: int) -> None:
-        """Let time pass, so that nothing is left undone for longer than a process may be late."""
+        """Advance the time, and do what a process cannot have delayed any longer."""
         self._time = time
-        done = max(self._said - LATE_US, time - _STILL_US)
+        done = max(self._last_sent - LATE_US, time - _STILL_US)
         while self._waiting and self._waiting[0][0] < done:
             self._hear(*self._waiting.popleft())
         if not self._lockstep:
             self._pass_time(self._device_time(done))
 
     def answer(self, time: int, frame: Frame) -> Frame | None:
-        """Return what the node computes for a frame that it sent; None if nothing.
+        """Return what the node computes for a frame that it has sent; None if nothing.
 
-        Of what it may have heard before, it hears as little as explains the frame.
+        Of the frames that it may have received before, as few as explain the frame are used.
         """
         if frame.can_id == self.sync_id and self._node.device.sync.produces:
             self._produce(time)
-        self._said = time
+        self._last_sent = time
         queue = self._computed.setdefault(frame.can_id, deque())
         if not queue and frame.can_id == self._sdo:
             self._put(self._node.segments(1))
@@ -405,9 +406,9 @@ class ReplayedNode:
         return frame if self._timed(frame) else self._node.device.unasked().get(frame.can_id)
 
     def overdue(self, age: int) -> Stamped | None:
-        """Return a frame computed longer ago than an age in us that the log lacks, and when.
+        """Return a frame, with its time, that was computed over `age` us ago and is not in the log.
 
-        In lockstep SYNC is the clock of that as well: a process may stand still for any time.
+        In lockstep SYNC is the clock for this as well, because a process may pause for any time.
         """
         for queue in self._computed.values():
             if queue and queue[0][0] < self._now - age:
@@ -419,9 +420,10 @@ class ReplayedNode:
         return self._clock.now if self._lockstep else self._time
 
     def _timed(self, frame: Frame) -> bool:
-        """Whether it is what a timer may have sent: when, the log knows better, but in lockstep.
+        """Return whether a timer may have sent the frame; its time is then that of the log.
 
-        Such a frame waits for the urgent ones of the node, so it may be of a cycle before.
+        Always False in lockstep. Such a frame waits for urgent ones of the node, so it may be of an
+        earlier cycle.
         """
         if self._lockstep:
             return False
@@ -454,19 +456,19 @@ class ReplayedNode:
         return round(time - self._offset)
 
     def _await_first(self, drive: Frame) -> None:
-        """Put the first measurement, which the first drive tells, in its place among the rest."""
+        """Put the held measurements among the others, from the one the drive answers."""
         others = [one for one in self._waiting if not self._first.hold(*one)]
         self._waiting = deque(sorted([*self._first.heard(drive), *others], key=itemgetter(0)))
 
     def _pass_time(self, now: int) -> None:
-        """Move device time on, in us, but not beyond the next SYNC of its own."""
+        """Advance device time, in us, but not beyond the next SYNC that the node produces."""
         now = min(now, self._node.device.sync.due - 1)
         while self._expire(now):
             pass
         self._clock.now = max(self._clock.now, now)
 
     def _expire(self, end: int) -> bool:
-        """Let the next timer expire that is due up to a device time, if there is one."""
+        """Let the next timer expire that is due until `end`; return whether there is one."""
         clock = self._clock
         if clock.next_due > min(end, self._node.device.sync.due - 1):
             return False
@@ -475,9 +477,9 @@ class ReplayedNode:
         return True
 
     def _produce(self, time: int) -> None:
-        """Let the node produce a SYNC, when it is due or as late as the log has it.
+        """Let the node produce a SYNC when it is due, or as late as in the log.
 
-        Its clock slowly follows the SYNCs of the log, which another clock may have stamped.
+        The clock of the node slowly follows the SYNCs of the log, which another clock has stamped.
         """
         while self._waiting and not self._first.undecided:
             self._hear(*self._waiting.popleft())
@@ -491,7 +493,7 @@ class ReplayedNode:
         self._act()
 
     def _act(self) -> None:
-        """Do what is due now; of what timers send the log knows better when they did."""
+        """Act on what is due now; the log tells when the frames of timers were sent."""
         frames = self._node.advance(0)
         unasked = self._node.device.unasked()
         self._put([frame for frame in frames if frame.can_id not in unasked])
@@ -504,10 +506,10 @@ class ReplayedNode:
 
 
 class FirstMeasurements:
-    """Holds measurements back from the start of a node until its first drive tells which it heard.
+    """Holds measurements from the start of a node until its first drive shows which it received.
 
-    The logger may have heard the start before a measurement that the node heard in front of it; and
-    a filter of the node's bus may have dropped the first ones.
+    The logger may have received the start before a measurement that the node received before it.
+    And a filter of the bus of the node may have dropped the first measurements.
 
     Parameters
     ----------
@@ -517,7 +519,7 @@ class FirstMeasurements:
     Attributes
     ----------
     open
-        Whether they are held back.
+        Whether measurements are held.
     """
 
     def __init__(self, od: ObjectDictionary) -> None:
@@ -526,12 +528,12 @@ class FirstMeasurements:
         self.open = False
 
     def begin(self) -> None:
-        """Hold back what comes from now on."""
+        """Hold the measurements from now on."""
         self._held.clear()
         self.open = True
 
     def hold(self, time: int, frame: Frame) -> bool:
-        """Take a frame, and tell whether it is held back: a measurement while it is not known."""
+        """Hold a frame if it is a measurement and measurements are held; return whether it was."""
         held = self.open and frame.can_id in map(self._measured, MEASUREMENT_RPDOS)
         if held:
             self._held.append((time, frame))
@@ -539,13 +541,13 @@ class FirstMeasurements:
 
     @property
     def undecided(self) -> bool:
-        """Whether one is held back, so that it is not known what the node heard since."""
+        """Whether a measurement is held, so that it is unknown what the node has received since."""
         return self.open and bool(self._held)
 
     def heard(self, drive: Frame) -> list[Stamped]:
-        """Return what the node heard of them, from the measurement on that its drive answers.
+        """Return the held measurements from the one that a drive answers, and stop holding.
 
-        Empty, and nothing is decided, if there is none that the drive answers.
+        If the drive answers none of them, return an empty list and go on holding.
         """
         tick = self._tick(TPDO_MAPPING + DRIVE_TPDO - 1, Direction.TRANSMIT, drive)
         first = MEASUREMENT_RPDOS[0]
@@ -560,7 +562,7 @@ class FirstMeasurements:
         return []
 
     def is_drive(self, frame: Frame) -> bool:
-        """Tell whether a frame has the identifier of the drive."""
+        """Return whether a frame has the identifier of the drive."""
         return frame.can_id == self._can_id(TPDO_COMMUNICATION + DRIVE_TPDO - 1)
 
     def _measured(self, rpdo: int) -> int:
@@ -570,7 +572,7 @@ class FirstMeasurements:
         return self._od.number(communication, PDO_COB_ID) & CAN_ID_MASK
 
     def _tick(self, index: int, direction: Direction, frame: Frame) -> int | None:
-        """Return the tick that a PDO carries, as far as a drive does; None without one."""
+        """Return the tick in a PDO, modulo that of a drive; None if it has no tick."""
         values = mapped(self._od, index, direction, frame)
         return next((raw % _TICKS for entry, raw in values if entry.name.endswith("Tick")), None)
 
@@ -582,16 +584,16 @@ def difference(
     recorded: Frame | None,
     recomputed: Frame | None,
 ) -> Difference:
-    """Name a difference between two frames with one identifier, one of which may be missing.
+    """Return the difference of two frames with one identifier, one of which may be missing.
 
     Parameters
     ----------
     od
-        Object dictionary of the node, as it is now.
+        Object dictionary of the node in its present state.
     number, time_s
-        Where it is in the log.
+        Number and time in s in the log.
     recorded, recomputed
-        The two frames.
+        Frame in the log, and frame of the replay.
     """
     frame = recorded or recomputed
     assert frame is not None
@@ -615,7 +617,7 @@ def drive_voltage(od: ObjectDictionary, frame: Frame) -> int | None:
 
 
 def _tpdo(od: ObjectDictionary, can_id: int) -> int:
-    """Return the number of the TPDO that is sent with an identifier; 0 for none."""
+    """Return the number of the TPDO with an identifier; 0 if there is none."""
     for number in range(1, PDO_COUNT + 1):
         communication = od.get(TPDO_COMMUNICATION + number - 1, PDO_COB_ID)
         if communication is None:
@@ -628,7 +630,7 @@ def _tpdo(od: ObjectDictionary, can_id: int) -> int:
 def mapped(
     od: ObjectDictionary, index: int, direction: Direction, frame: Frame
 ) -> list[tuple[Entry, int]]:
-    """Return the entries that a PDO maps with their raw values; empty if its length is another."""
+    """Return the entries that a PDO maps, with their raw values; [] if the length differs."""
     mapping = compile_mapping(od, index, direction)
     if mapping.size != len(frame.data):
         return []
@@ -650,7 +652,6 @@ def _fields(od: ObjectDictionary, tpdo: int, recorded: Frame, recomputed: Frame)
 
 
 def _read_field(od: ObjectDictionary, recorded: Frame, recomputed: Frame) -> Iterator[Field]:
-    """Compare two answers to the same SDO read."""
     entry = od.get(recorded.data[1] | recorded.data[2] << 8, recorded.data[3])
     if entry is None:
         return

@@ -1,4 +1,4 @@
-"""How punctual the loop is on the wall clock, measured from the bus and at the stage."""
+"""Measurement of how punctual the loop is on the wall clock, at the bus and at the stage."""
 
 from smarttac_can.timing.loop_run import measure_loop
 

@@ -1,4 +1,4 @@
-"""A run of the 1 kHz loop on a bus of sockets, timed by who only listens."""
+"""A run of the 1 kHz loop on a bus of sockets, timed by a passive listener."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _OWN_OPTIONS: Final = ("interface", "channel", "bitrate")
 _OUTPUT_BYTES: Final = 4096
 _QUIET_S: Final = 0.2
 _ANSWER_S: Final = 0.6
-"""For an answer, or the heartbeat of a node that is stopped: one comes every 500 ms."""
+"""Time in s for an answer, or for the heartbeat of a stopped node, which comes every 500 ms."""
 _PARTING_S: Final = 5.0
 _BEGIN: Final = (
     "from smarttac_can.host.process_signals import end_with_parent; end_with_parent(); "
@@ -46,27 +46,27 @@ _BEGIN: Final = (
 _FETCH_S: Final = 0.005
 _READY_POLL_S: Final = 0.02
 COF: Final = 0.35
-"""Friction that a timed run regulates."""
+"""COF to which a timed run regulates."""
 _POLL_S: Final = 0.1
 _TRIES: Final = 5
 
 
 class NodeProcess:
-    """``smarttac node`` or ``plate`` as a process; `node_process` makes one.
+    """A process of ``smarttac node`` or ``smarttac plate``, created by `node_process`.
 
     Parameters
     ----------
     name
-        The command.
+        Name of the command.
     process
-        The process.
+        Process of the command.
     output
-        File that takes its output; a pipe that nobody reads would block it.
+        File for its output; a pipe without a reader would block it.
 
     Attributes
     ----------
     refused
-        What the system refused it of ``--realtime``, a line each; known when it is ready.
+        A line for each request of ``--realtime`` that the system has refused; set when it is ready.
     """
 
     def __init__(self, name: str, process: subprocess.Popen[bytes], output: IO[bytes]) -> None:
@@ -81,12 +81,12 @@ class NodeProcess:
         return self._process.pid
 
     def wait_until_ready(self) -> None:
-        """Return when the process has reported that it is ready.
+        """Wait until the process has reported that it is ready.
 
         Raises
         ------
         BenchError
-            If it has ended.
+            If the process has ended.
         """
         while b" ready on " not in self._last_output():
             self.require_alive()
@@ -95,12 +95,12 @@ class NodeProcess:
         self.refused = tuple(line for line in lines if line.startswith("real time: "))
 
     def require_alive(self) -> None:
-        """Do nothing while the process lives.
+        """Check that the process is alive.
 
         Raises
         ------
         BenchError
-            With the last line of its output, if it has ended.
+            If it has ended, with the last line of its output.
         """
         if self._process.poll() is not None:
             lines = self._last_output().decode().split("\n")
@@ -108,22 +108,22 @@ class NodeProcess:
             raise BenchError(f"{self._name} has ended: {last.removeprefix('Error: ')}")
 
     def end(self) -> None:
-        """Have it leave the plate at 0 V, and end it in any case."""
+        """Terminate the process, which leaves the plate at 0 V, and kill it after 5 s."""
         self._process.terminate()
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(_PARTING_S)
         self._process.kill()
 
     def _last_output(self) -> bytes:
-        # Without seek, which would move the place at which the process writes, too.
+        # Without seek, which would also move the position at which the process writes.
         file = self._output.fileno()
         return os.pread(file, _OUTPUT_BYTES, max(0, os.fstat(file).st_size - _OUTPUT_BYTES))
 
 
 def smarttac_command(*arguments: str) -> list[str]:
-    """Return the command line of a ``smarttac`` that ends with the process that begins it.
+    """Return the command line of a ``smarttac`` that ends together with its parent.
 
-    Its standard input has to be a pipe of that process, which writes nothing to it.
+    Its standard input must be a pipe from the parent, which writes nothing to it.
     """
     return [sys.executable, "-c", _BEGIN, *arguments]
 
@@ -132,14 +132,14 @@ def smarttac_command(*arguments: str) -> list[str]:
 def node_process(
     arguments: Sequence[str], bus: Mapping[str, Any], realtime: int | None
 ) -> Iterator[NodeProcess]:
-    """Run ``smarttac node`` or ``plate`` as a process, from when it is ready to the block's end.
+    """Run ``smarttac node`` or ``smarttac plate`` as a process; the block begins when it is ready.
 
     If this process is killed, the node ends as by SIGTERM, at 0 V.
 
     Parameters
     ----------
     arguments
-        The command and its own options.
+        Name and options of the command.
     bus
         Options of `can.Bus`.
     realtime
@@ -148,12 +148,12 @@ def node_process(
     Raises
     ------
     BenchError
-        With the last line of its output, if it ends before it is ready.
+        If the process ends before it is ready, with the last line of its output.
     """
     command = node_command(arguments, bus, realtime)
     with (
         TemporaryFile() as output,
-        # In a session of its own: Ctrl-C does not end it before the bench has let go of it.
+        # In a separate session, so that Ctrl-C does not end it before the bench has disconnected.
         subprocess.Popen(
             command,
             stdin=subprocess.PIPE,
@@ -174,7 +174,7 @@ def node_process(
 def loop_processes(
     bus: Mapping[str, Any], realtime: int | None, *, plate_node: int | None = None
 ) -> Iterator[list[NodeProcess]]:
-    """Run the stimulator, and before it its plate unless it is there; as `node_process` does.
+    """Run a stimulator, preceded by its plate unless there is one, as `node_process` does.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ def loop_processes(
     realtime
         SCHED_FIFO priority for ``--realtime``; None without it.
     plate_node
-        Node-ID of a plate that is there already; None simulates one.
+        Node-ID of a plate that is already on the bus; None to simulate one.
 
     Yields
     ------
@@ -201,7 +201,7 @@ def loop_processes(
 def node_command(
     arguments: Sequence[str], bus: Mapping[str, Any], realtime: int | None
 ) -> list[str]:
-    """Return the command line of `node_process`, whose standard input has to be a pipe."""
+    """Return the command line for `node_process`; its standard input must be a pipe."""
     command = smarttac_command(*arguments)
     for key, value in bus.items():
         if key in _OWN_OPTIONS:
@@ -215,12 +215,12 @@ def node_command(
 
 @contextmanager
 def _stamped(bus: Mapping[str, Any]) -> Iterator[can.BusABC]:
-    """Open a bus whose frames bear the kernel's time stamps, with room for many of them.
+    """Open a bus with time stamps of the kernel, and a large receive buffer.
 
     Raises
     ------
     BusError
-        If it cannot be opened, or is of an interface without such time stamps.
+        If the bus cannot be opened, or its interface has no such time stamps.
     """
     with opening(bus.get("interface"), bus.get("channel"), BusError):
         opened = can.Bus(**kept_here(bus))
@@ -238,16 +238,16 @@ def _stamped(bus: Mapping[str, Any]) -> Iterator[can.BusABC]:
 def listening(
     bus: Mapping[str, Any], can_ids: Iterable[int], feed: Callable[[float, Frame], None]
 ) -> Iterator[None]:
-    """Feed frames on a bus, with the kernel's time stamps in s, until the block ends.
+    """Pass frames on a bus, with the time stamps of the kernel in s, to `feed` during the block.
 
-    A thread fetches them every 5 ms: were it woken by each, the loop that it times would wait for
-    it. What came before the end is fed before the block is left.
+    A thread fetches them every 5 ms. Waking it for each frame would delay the loop that is timed.
+    All frames until the end of the block are passed before the block is left.
 
     Raises
     ------
     BusError
-        If the bus cannot be opened, or is of an interface without such time stamps; after the
-        block, if it failed before.
+        If the bus cannot be opened, or its interface has no such time stamps; after the block, if
+        the bus failed during it.
     """
     ended = threading.Event()
     end = inf
@@ -263,7 +263,7 @@ def listening(
         try:
             while not over:
                 over = ended.wait(_FETCH_S)
-                # Frames may come without end: what came later is not fed.
+                # Frames may come endlessly: stop at those that came after the end.
                 while (message := received(opened, 0.0)) is not None and message.timestamp <= end:
                     frame = to_frame(message)
                     if frame is not None:
@@ -280,7 +280,7 @@ def listening(
 
 
 def require_quiet(bus: Mapping[str, Any]) -> None:
-    """Raise BusError if the bus cannot be timed, BenchError if a loop runs there already."""
+    """Raise BusError if the bus cannot be timed, BenchError if another loop runs on it."""
     with _stamped(bus) as opened:
         end = monotonic() + _QUIET_S
         while (left := end - monotonic()) > 0:
@@ -290,12 +290,12 @@ def require_quiet(bus: Mapping[str, Any]) -> None:
 
 
 def require_free(bus: Mapping[str, Any], *ods: ObjectDictionary) -> None:
-    """Raise BenchError if a node is on the bus with the node-ID of one of these.
+    """Refuse a bus that already has a node with one of these node-IDs.
 
     Raises
     ------
     BenchError
-        If one answers, or its heartbeat comes.
+        If such a node answers, or its heartbeat comes.
     BusError
         If the bus cannot be timed, or carries no frames.
     """
@@ -318,21 +318,21 @@ def require_free(bus: Mapping[str, Any], *ods: ObjectDictionary) -> None:
 
 @dataclass(frozen=True)
 class LoopRun:
-    """Outcome of a timed run of the loop."""
+    """Result of a timed run of the loop."""
 
     timing: LoopTiming
     ran: bool
-    """Whether it ever was in RUNNING."""
+    """Whether the stimulator reached the state RUNNING."""
     state: State | None
     """State of the stimulator at the end; None if it did not answer."""
     message: str
-    """Why it did not run, or not to the end; empty if it did, or was not to."""
+    """Why it did not run, or not to the end; empty if it did, or was not meant to."""
     refused: tuple[str, ...]
-    """What the system refused its processes of their real-time priority, a line each."""
+    """A line for each request for real-time priority that the system has refused."""
 
 
 def regulate_friction(bench: Stimulator) -> None:
-    """Start a run in mode friction, with a finger that strokes, and fail as `Stimulator` does."""
+    """Start a run in mode friction with a stroking finger; raises as `Stimulator`."""
     bench.disarm()
     bench.reset_fault()
     bench.finger.stroke(2, force=0.5, speed=50.0)
@@ -351,29 +351,29 @@ def measure_loop(
     stop: Callable[[], bool],
     progress: Callable[[float, LoopTiming], None],
 ) -> LoopRun:
-    """Start a stimulator, and its plate unless it is there; time the loop; end what was started.
+    """Start a stimulator, and a plate unless there is one; time the loop; end both.
 
     Parameters
     ----------
     bus
         Options of `can.Bus`.
     plate_node
-        Node-ID of a plate that is there already, which stays at 0 V; None simulates one, with a
-        finger, and regulates its friction.
+        Node-ID of a plate that is already on the bus; it stays at 0 V. None to simulate one with
+        a finger, and regulate its friction.
     realtime
         SCHED_FIFO priority of the processes; None without.
     seconds
-        How long to measure.
+        Duration of the measurement in s.
     stop
-        Ends it early; asked ten times a second.
+        Function called ten times a second; True ends the measurement early.
     progress
-        Called as often with the seconds that have passed and what there is until now.
+        Function called as often with the elapsed time in s and the present result.
 
     Raises
     ------
     BenchError
-        If a process ends, a node does not answer, or another loop runs on the bus, or a node with
-        the node-ID of one that would be started.
+        If a process ends, a node does not answer, another loop runs on the bus, or a node on the
+        bus has the node-ID of a node to be started.
     BusError
         If the bus cannot be opened, or has no time stamps.
     """
@@ -403,13 +403,13 @@ def _connected(plate_id: int, bus: Mapping[str, Any]) -> Iterator[Stimulator]:
     try:
         yield bench
     finally:
-        # It need not answer any more: the nodes end next, which leaves 0 V as well.
+        # The stimulator need not answer: its process ends next, which also leaves 0 V.
         with suppress(BenchError), bench:
             pass
 
 
 def _try_to_run(bench: Stimulator) -> str:
-    """Regulate friction, at the first try or a later one; return what is wrong with the last."""
+    """Start regulating friction, with several tries; return the last error, or ""."""
     reason = ""
     for _ in range(_TRIES):
         try:
@@ -422,7 +422,7 @@ def _try_to_run(bench: Stimulator) -> str:
 
 
 def _end(bench: Stimulator, reason: str) -> tuple[State | None, str]:
-    """Return the state at the end, and why it is not RUNNING."""
+    """Return the state at the end, and the reason if it is not RUNNING."""
     try:
         return bench.state, reason or bench.message
     except BenchError as error:

@@ -1,4 +1,4 @@
-"""How punctual the 1 kHz loop is, from the time stamps of its frames on the bus."""
+"""Punctuality of the 1 kHz loop, from the time stamps of its frames on the bus."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SHORTEST_MS: Final = 3
-"""The deadline that the dose is compared with, in ms."""
+"""Deadline in ms with which the dose is compared."""
 _QUIET: Final = 0.05
 
 
 class FrozenStage(NamedTuple):
-    """A stage frozen at a voltage, and a plate of first order at its resonance.
+    """A stage that freezes at a voltage, and a first-order plate at its resonance.
 
     With the final amplitude as 1, ``tau W' = 1 - W`` until the deadline ends it, then
-    ``tau W' = -W``. All times count from the moment at which it freezes.
+    ``tau W' = -W``. All times are counted from the freezing.
     """
 
     deadline_ms: float
@@ -46,11 +46,11 @@ class FrozenStage(NamedTuple):
     """Time constant of the plate, above 0."""
     voltage_v: float
     final_um: float
-    """Amplitude peak-to-peak that this voltage has in the end."""
+    """Final amplitude peak-to-peak in um at this voltage."""
 
     @property
     def reached(self) -> float:
-        """Share of the final amplitude that a plate at rest reaches, 0..1."""
+        """Fraction of the final amplitude that a plate at rest reaches, 0..1."""
         return 1.0 - exp(-self.deadline_ms / self.tau_ms)
 
     @property
@@ -60,16 +60,16 @@ class FrozenStage(NamedTuple):
 
     @property
     def dose_from_rest(self) -> float:
-        """Integral of W^2 over all time, of a plate at rest, in ms of the final amplitude."""
+        """Integral of W^2 over time for a plate at rest, in ms; the final amplitude is 1."""
         return self.deadline_ms - self.tau_ms * self.reached
 
     @property
     def dose_from_final(self) -> float:
-        """The same of a plate that has the final amplitude already."""
+        """Integral of W^2 over time for a plate with the final amplitude, in ms."""
         return self.deadline_ms + 0.5 * self.tau_ms
 
     def as_json(self) -> dict[str, Any]:
-        """Return what it does; doses relative to those of the shortest deadline."""
+        """Return the figures for JSON; doses are relative to that of the shortest deadline."""
         shortest = self._replace(deadline_ms=SHORTEST_MS)
         return {
             "voltage_v": self.voltage_v,
@@ -82,7 +82,7 @@ class FrozenStage(NamedTuple):
 
 
 def frozen_stage(deadline_ms: float) -> FrozenStage:
-    """Return the worst of the default limits: the plate's highest voltage, at its resonance."""
+    """Return the worst case within the default limits: highest voltage, at resonance."""
     voltage = plate_od()["Limit.Voltage"].si_value
     model = stimulator_od()
     return FrozenStage(
@@ -101,18 +101,18 @@ DEADLINE_RULE: Final = (
     f"{DEADLINE_MIN_MS} ms at least and none above {DEADLINE_MAX_MS} ms"
 )
 _LAST_MEASUREMENT: Final = 3
-"""TPDO of the plate that ends a measurement."""
+"""Number of the TPDO of the plate that ends a measurement."""
 _DRIVE: Final = 1
-"""RPDO of the plate."""
+"""Number of the RPDO of the plate for drives."""
 _IN_TURN: Final = 50
-"""How often SYNC and measurement come in turn until neither can be a whole tick late."""
+"""Alternations of SYNC and measurement after which neither can be a whole tick late."""
 _TICKS: Final = 256
-"""Of which the tick counts show the remainder."""
+"""Modulus of the tick counts."""
 _WAITING_MAX: Final = DEADLINE_MAX_MS
 
 
 class Delays:
-    """Delays in whole us and how often each came: exact quantiles of any number of them."""
+    """Histogram of delays in whole us, with exact quantiles."""
 
     def __init__(self) -> None:
         self.counts: Counter[int] = Counter()
@@ -122,12 +122,12 @@ class Delays:
         self.counts[round(seconds * 1e6)] += 1
 
     def quantile_us(self, share: float) -> int:
-        """Return the least delay in us that a share, 0..1, of all does not exceed.
+        """Return the smallest delay in us that is not exceeded by a fraction, 0..1, of all delays.
 
         Raises
         ------
         ValueError
-            If none was counted.
+            If there are no delays.
         """
         left = max(1, ceil(share * self.counts.total()))
         for delay in sorted(self.counts):
@@ -148,38 +148,36 @@ class Delays:
 
 @dataclass(slots=True)
 class _Cycle:
-    """A SYNC and what has come since."""
-
     sync: float
     driven: bool = False
     measurements: int = 0
-    """How many ended before the next SYNC, whatever SYNC they answer."""
+    """Number of measurements that ended before the next SYNC, for this or an earlier SYNC."""
     unheard: bool = False
-    """Whether the listener has not heard the SYNC of one of these."""
+    """Whether the listener has missed the SYNC of one of these measurements."""
 
 
 class LoopTiming:
-    """Statistics of the loop's frames, whoever listens and however late.
+    """Statistics of the frames of the loop, from a listener that may be late or miss frames.
 
-    A measurement belongs to the first SYNC that has none yet, a drive to the measurement whose tick
-    count it carries. Cycles of which the tick counts say that the listener has not heard them are
-    neither ticks nor missed.
+    A measurement belongs to the first SYNC that has none yet, a drive to the measurement with the
+    same tick count. If the tick counts show that the listener has missed cycles, these count as
+    lost, not as ticks or missed.
 
     Parameters
     ----------
     plate
-        EDS of the plate, loaded for its node-ID.
+        Object dictionary of the plate, loaded for its node-ID.
 
     Attributes
     ----------
     sync
-        How much later than 1 ms after the one before it each SYNC came, 0 if earlier.
+        Delay of each SYNC against 1 ms after the one before; 0 if it was early.
     measurement
-        From SYNC to the TPDO that ends the measurement.
+        Delay from SYNC to the TPDO that ends the measurement.
     drive
-        From SYNC to the drive that answers that measurement.
+        Delay from SYNC to the drive that answers that measurement.
     lost
-        Cycles that the listener has not heard.
+        Number of cycles that the listener has missed.
     """
 
     def __init__(self, plate: ObjectDictionary) -> None:
@@ -219,12 +217,12 @@ class LoopTiming:
 
     @property
     def ticks(self) -> int:
-        """Ticks of 1 ms between the first SYNC and the last."""
+        """Number of ticks of 1 ms between the first SYNC and the last, without lost ones."""
         return self._span - self.lost
 
     @property
     def missed(self) -> int:
-        """Those without a SYNC, and those whose drive did not come before the next SYNC."""
+        """Number of ticks without a SYNC, or whose drive came after the next SYNC."""
         return max(0, self._span - self._driven - self.lost)
 
     @property
@@ -236,11 +234,11 @@ class LoopTiming:
 
     @property
     def ran(self) -> bool:
-        """Whether there is anything to show: SYNCs, measurements and drives."""
+        """Whether there were SYNCs, measurements and drives."""
         return all(delays.counts for delays in (self.sync, self.measurement, self.drive))
 
     def as_json(self) -> dict[str, Any]:
-        """Return the figures, and what a stage that freezes does within the deadline."""
+        """Return the figures for JSON, with the effect of a stage frozen within the deadline."""
         deadline = deadline_ms(self.gap_s)
         return {
             "sync": self.sync.as_json(),
@@ -256,11 +254,11 @@ class LoopTiming:
 
     @property
     def can_ids(self) -> frozenset[int]:
-        """Identifiers of the frames that it is made from."""
+        """Identifiers of the frames that are evaluated."""
         return frozenset({SYNC_ID, *self._ticks_of})
 
     def feed(self, time: float, frame: Frame) -> None:
-        """Take a frame with its time stamp in s, in the order of the bus; others are ignored."""
+        """Evaluate a frame with its time stamp in s, in bus order; ignore other frames."""
         if frame.rtr:
             return
         if frame.can_id == SYNC_ID:
@@ -282,8 +280,8 @@ class LoopTiming:
             self._driven += self._cycle.driven
             in_turn = self._cycle.measurements == 1 and bool(self._unmeasured)
             self._note_delay(self._cycle, max(0.0, time - self._cycle.sync - TICK))
-        # Who lags catches up soon: with one measurement to each SYNC, and a SYNC left over, that
-        # one gets none any more.
+        # Nodes that lag behind catch up soon. So after many SYNCs with one measurement each, a SYNC
+        # that is still without one will not get it.
         self._in_turn = self._in_turn + 1 if in_turn else 0
         if self._in_turn == _IN_TURN:
             self._unmeasured.clear()
@@ -291,7 +289,7 @@ class LoopTiming:
         self._unmeasured.append(self._cycle)
 
     def _note_delay(self, last: _Cycle, late: float) -> None:
-        """Count the delay of a SYNC, later on if there may be one between that was not heard."""
+        """Count the delay of a SYNC; keep a long one until a lost SYNC is ruled out."""
         if late < 0.5 * TICK:
             self.sync.add(late)
         elif not last.unheard:
@@ -303,7 +301,8 @@ class LoopTiming:
     def _on_measurement(self, time: float, ahead: int) -> None:
         if self._cycle is None:
             return
-        # The last tick of a measurement is ahead of the first by the number of the session.
+        # The tick in the last TPDO of a measurement exceeds that in the first by the session
+        # number.
         if self._first_tick is not None:
             self._session, self._first_tick = (ahead - self._first_tick) % _TICKS, None
         tick = (ahead - self._session) % _TICKS
@@ -320,15 +319,15 @@ class LoopTiming:
         self.measurement.add(time - cycle.sync)
 
     def _forget_unheard(self, tick: int) -> None:
-        """See by the tick count whether cycles seem to be missed that were only not heard.
+        """Decide by the tick count whether cycles were missed by the nodes or only by the listener.
 
-        A SYNC without measurement and drive is missed: a plate that came late passes over it.
+        A SYNC without measurement and drive is missed by the nodes: a late plate skips it.
         """
         assert self._cycle is not None
         unheard = 0 if self._tick is None else (tick - self._tick - 1) % _TICKS
         most = round((self._cycle.sync - self._tick_time) / TICK) - 1
         lost = 0
-        # A run that starts anew jumps as well, but seldom by no more than the time allows.
+        # A restarted run jumps as well, but rarely by as few ticks as the time allows.
         if 0 < unheard <= most:
             unheard += (most - unheard) // _TICKS * _TICKS
             waiting = min(unheard, len(self._unmeasured) - 1)
@@ -347,7 +346,7 @@ class LoopTiming:
 
     def _on_drive(self, time: float, tick: int) -> None:
         cycle = self._unanswered.pop(tick, None)
-        # What was never answered had the same count 256 ticks ago.
+        # An unanswered measurement had the same count 256 ticks ago.
         if cycle is None or time - cycle.sync > 0.5 * _TICKS * TICK:
             self._unmatched += 1
             return
@@ -359,19 +358,19 @@ class LoopTiming:
 
 
 def deadline_ms(gap_s: float) -> int | None:
-    """Return the deadline that a machine can promise, None if that is too long to be of use.
+    """Return the deadline in ms for a machine, by `DEADLINE_RULE`; None if it is too long.
 
     Parameters
     ----------
     gap_s
-        Longest time between two drives in s; the deadline is by `DEADLINE_RULE`.
+        Longest time between two drives in s.
     """
     deadline = max(DEADLINE_MIN_MS, ceil(_MARGIN * gap_s * 1e3))
     return deadline if deadline <= DEADLINE_MAX_MS else None
 
 
 def _place(plate: ObjectDictionary, mapping: int, direction: Direction, name: str) -> int:
-    """Return at which byte of a PDO an object of one byte is."""
+    """Return the offset in a PDO of an object of one byte."""
     entries = compile_mapping(plate, mapping, direction).entries
     names = [entry.name for entry in entries]
     return sum(entry.size for entry in entries[: names.index(name)])
@@ -387,12 +386,12 @@ _MS_PER_US: Final = 1e-3
 
 
 def histogram(timing: LoopTiming) -> Figure:
-    """Draw how often SYNC, measurement and drive came how late, the counts logarithmic.
+    """Draw the histograms of the delays of SYNC, measurement and drive, with logarithmic counts.
 
     Parameters
     ----------
     timing
-        Of a loop that ran.
+        Statistics of a loop that ran.
     """
     from smarttac_can.bench.drawing import GREEN, INK, PALE, RED, canvas  # noqa: PLC0415 - an extra
 

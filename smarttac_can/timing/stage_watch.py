@@ -1,4 +1,4 @@
-"""The voltage of the plate's stage, read by SDO as fast as it goes, beside a loop that drives."""
+"""The voltage of the plate's stage, read by SDO as fast as possible beside a running loop."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ _NODES: Final = (PLATE_ID, STIMULATOR_ID)
 
 
 class Moment(NamedTuple):
-    """Bounds of the time at which something happened, in s of the monotonic clock."""
+    """Bounds of the time of an event, in s of the monotonic clock."""
 
     begun: float
     over: float
 
 
 class Reading(NamedTuple):
-    """A value with bounds of the time at which it was read, in s of the monotonic clock."""
+    """A value with bounds of the time of its reading, in s of the monotonic clock."""
 
     asked: float
     answered: float
@@ -52,7 +52,7 @@ class Reading(NamedTuple):
 class StageWatch:
     """Expedited SDO, emergency messages, and a heartbeat, on a bus with a plate and a stimulator.
 
-    Everything happens in its calls: there is no thread.
+    It has no thread: everything happens in its calls.
 
     Parameters
     ----------
@@ -62,20 +62,21 @@ class StageWatch:
     Attributes
     ----------
     emergencies
-        Node-ID and code of each emergency message that came while a call waited.
+        Node-ID and code of each emergency message received while a call waited.
     tick
-        Of the last measurement of the plate that came while a call waited.
+        Tick of the last measurement of the plate received while a call waited.
     beats
-        Whether a heartbeat goes out each 0.1 s, in calls that last or follow each other.
+        Whether a heartbeat is sent every 0.1 s, by calls that wait.
     beats_as
         Node-ID of that heartbeat, `MASTER_ID` at first.
     beaten
-        When the last one went out.
+        Time of the last heartbeat.
     """
 
     def __init__(self, **bus: Any) -> None:
         self._bus = PythonCanBus(**bus)
-        # An answer finds no room in a socket that is full of the loop, or of what others ask.
+        # Otherwise frames of the loop, or requests of others, fill the socket, and answers are
+        # lost.
         others = {base + node for base in (*TPDO_IDS, *RPDO_IDS, SDO_RX_ID) for node in _NODES}
         self._bus.block(frozenset(others - {TPDO_IDS[0] + PLATE_ID}))
         self._ods = {PLATE_ID: plate_od(), STIMULATOR_ID: stimulator_od()}
@@ -102,17 +103,17 @@ class StageWatch:
         self._send(Frame(can_id, data))
 
     def ask(self) -> None:
-        """Ask for the voltage, and do not wait for the answer."""
+        """Request the voltage without waiting for the answer."""
         self._send(requests.upload(PLATE_ID, self._stage))
 
     def listen(self, seconds: float) -> None:
-        """Hear what comes, for so long: what nobody hears is lost once the socket is full."""
+        """Receive frames for a time in s; frames are lost once the socket is full."""
         end = monotonic() + seconds
         while (left := end - monotonic()) > 0:
             self._hear(left)
 
     def read_stage(self) -> Reading:
-        """Return the voltage of the stage in 10 mV, failing as `read` does."""
+        """Return the voltage of the stage in 10 mV; raises as `read`."""
         return self._transfer(requests.upload(PLATE_ID, self._stage), PLATE_ID, self._stage)
 
     def read(self, node_id: int, entry: Entry) -> int:
@@ -121,34 +122,34 @@ class StageWatch:
         Raises
         ------
         BenchError
-            If the node refuses it, or does not answer for 30 s.
+            If the node refuses, or does not answer for 30 s.
         """
         return self._transfer(requests.upload(node_id, entry), node_id, entry).raw
 
     def write(self, node_id: int, entry: Entry, raw: int) -> None:
-        """Write a raw value to an object of 1 to 4 bytes, failing as `read` does."""
+        """Write a raw value to an object of 1 to 4 bytes; raises as `read`."""
         self._transfer(requests.download(node_id, entry, raw), node_id, entry)
 
     def errors(self, node_id: int) -> list[int]:
-        """Return the error history of a node, the newest first, failing as `read` does.
+        """Return the error history of a node, newest first; raises as `read`.
 
-        Each is an emergency error code, and above its 16 bits the first two bytes of what the
-        emergency message carries beside.
+        Each entry is an emergency error code in the lower 16 bits, and the first two bytes of the
+        manufacturer's part of the message above.
         """
         history = self._ods[node_id].objects[ERROR_FIELD].entries
         number = self.read(node_id, history[0])
         return [self.read(node_id, history[place]) for place in range(1, number + 1)]
 
     def forget_errors(self, node_id: int) -> None:
-        """Clear the error history of a node, failing as `read` does."""
+        """Clear the error history of a node; raises as `read`."""
         self.write(node_id, self._ods[node_id].entry(ERROR_FIELD, 0), 0)
 
     def deadline_ms(self) -> int:
-        """Return the deadline of the plate in ms, failing as `read` does."""
+        """Return the deadline of the plate in ms; raises as `read`."""
         return self.read(PLATE_ID, self._deadline(PLATE_ID, 1))
 
     def set_deadlines(self, deadline_ms: int) -> None:
-        """Set the deadlines of the loop at both nodes, 1..100 ms, failing as `read` does."""
+        """Set the deadlines of the loop at both nodes, 1..100 ms; raises as `read`."""
         self.write(PLATE_ID, self._deadline(PLATE_ID, 1), deadline_ms)
         for rpdo in MEASUREMENT_RPDOS:
             self.write(STIMULATOR_ID, self._deadline(STIMULATOR_ID, rpdo), deadline_ms)
@@ -157,7 +158,7 @@ class StageWatch:
         return self._ods[node_id].entry(RPDO_COMMUNICATION + rpdo - 1, PDO_EVENT)
 
     def _transfer(self, request: Frame, node_id: int, entry: Entry) -> Reading:
-        """Ask until an answer comes; one to an earlier asking may be as old as the first."""
+        """Repeat a request until an answer comes, which may belong to any of the requests."""
         asked = monotonic()
         while monotonic() < asked + _PATIENCE_S:
             self._send(request)

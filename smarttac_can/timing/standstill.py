@@ -1,4 +1,4 @@
-"""When the machine itself stood still, seen by a sleeper of high priority on each core."""
+"""Standstills of the machine itself, detected by a process of high priority on each core."""
 
 from __future__ import annotations
 
@@ -22,42 +22,42 @@ _FORK: Final = multiprocessing.get_context("fork")
 
 
 class Standstill(NamedTuple):
-    """A span in which a core did not run what it had to, in s since the epoch."""
+    """A time span in which a core did not run its process, in s since the epoch."""
 
     begin: float
     end: float
 
 
 class Machine:
-    """What the sleepers have seen; `watching_machine` makes one.
+    """Standstills that the processes of `watching_machine` have detected.
 
     Parameters
     ----------
     cores
-        Processors that are watched.
+        Numbers of the watched processors.
     """
 
     def __init__(self, cores: list[int]) -> None:
         self.cores = cores
         self.fifo = False
-        """Whether the sleepers were given their priority: without it they show the load."""
+        """Whether the processes have their priority; without it they measure the load."""
         self._latest = _FORK.RawArray("q", len(cores))
         self._count = _FORK.RawArray("q", len(cores))
         self._times = [_FORK.RawArray("q", 2 * _MOST) for _ in cores]
 
     def forget(self) -> None:
-        """Forget all standstills and delays up to now."""
+        """Discard all standstills and delays until now."""
         for at in range(len(self.cores)):
             self._latest[at] = self._count[at] = 0
 
     @property
     def longest_s(self) -> list[float]:
-        """How late the sleeper on each core was at worst, in s."""
+        """Largest delay of the process on each core in s."""
         return [late * 1e-9 for late in self._latest]
 
     @property
     def standstills(self) -> list[Standstill]:
-        """Those of more than 1 ms, in turn; of each core the first 65 536."""
+        """Standstills of more than 1 ms in order of time, the first 65 536 of each core."""
         return sorted(
             Standstill(times[2 * at] * 1e-9, times[2 * at + 1] * 1e-9)
             for count, times in zip(self._count, self._times, strict=True)
@@ -65,14 +65,14 @@ class Machine:
         )
 
     def stood_s(self, begin: float, end: float) -> float:
-        """Return the longest standstill in s that touches a span of time, 0.0 if none did."""
+        """Return the longest standstill in s that overlaps a time span; 0.0 if there is none."""
         return max(
             (s.end - s.begin for s in self.standstills if s.end >= begin and s.begin <= end),
             default=0.0,
         )
 
     def sleep_by_the_ms(self, at: int, priority: int) -> None:
-        """Wake each ms on a core for good, and note when that was late."""
+        """Wake every 1 ms on a core, endlessly, and record when that was late."""
         os.sched_setaffinity(0, {self.cores[at]})
         with suppress(PermissionError):
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
@@ -95,9 +95,9 @@ class Machine:
 
 @contextmanager
 def forked(work: Callable[..., None], *arguments: Any) -> Iterator[Any]:
-    """Run a function as a process until the block ends; it does not outlive its parent either.
+    """Run a function as a process until the block ends; the process also ends with its parent.
 
-    Fork before there are threads, which a fork does not take along.
+    Call it before there are threads, because a fork does not copy them.
     """
     process = _FORK.Process(target=_as_a_child, args=(work, arguments), daemon=True)
     process.start()
@@ -109,7 +109,7 @@ def forked(work: Callable[..., None], *arguments: Any) -> Iterator[Any]:
 
 
 def _as_a_child(work: Callable[..., None], arguments: tuple[Any, ...]) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # its parent ends it
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends it
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_DFL)
     end_with_parent()
@@ -118,12 +118,12 @@ def _as_a_child(work: Callable[..., None], arguments: tuple[Any, ...]) -> None:
 
 @contextmanager
 def watching_machine(realtime: int | None = None) -> Iterator[Machine]:
-    """Have a sleeper on each processor until the block ends.
+    """Run a process on each processor during the block, to detect standstills.
 
     Parameters
     ----------
     realtime
-        Priority of what is measured in SCHED_FIFO; the sleepers are above it.
+        SCHED_FIFO priority of the measured processes; the watching ones have a higher priority.
     """
     machine = Machine(sorted(os.sched_getaffinity(0)))
     priority = min(max(_PRIORITY, (realtime or 0) + 1), 99)

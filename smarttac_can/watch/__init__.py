@@ -1,4 +1,4 @@
-"""What a bus tells of a stimulator, live: frames and time in, a view out, and a screen for it."""
+"""Live view of a stimulator from the frames of its bus, and a screen for it."""
 
 from smarttac_can.watch.watcher import View, Watcher
 

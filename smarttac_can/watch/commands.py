@@ -1,4 +1,4 @@
-"""What a person may ask of a stimulator in a line, on any face of it."""
+"""Commands for a stimulator that a person types as a line, for all user interfaces."""
 
 from __future__ import annotations
 
@@ -23,28 +23,28 @@ _USAGES: Final = {
 HINT: Final = ", ".join(_USAGES.values())
 _SIDES: Final = 2
 _STAYS: Final = "-"
-"""What a line has for the COF of a side that is to stay."""
+"""Stands in a command for the COF of a side that does not change."""
 
 
 def obey(stimulator: Stimulator, text: str) -> str:
-    """Do what a line asks for.
+    """Execute a command.
 
     Parameters
     ----------
     stimulator
-        Connected.
+        Connected stimulator.
     text
-        Such as ``cof 0.3 0.4``, ``cof - 0.4`` or ``boundary 5000 um``.
+        Command, such as ``cof 0.3 0.4``, ``cof - 0.4`` or ``boundary 5000 um``.
 
     Returns
     -------
     str
-        What was done.
+        Report of what was done.
 
     Raises
     ------
     ValueError
-        If it is no such line.
+        If the command is invalid.
     BenchError
         If the stimulator refuses, or does not answer.
     """
@@ -74,7 +74,7 @@ def obey(stimulator: Stimulator, text: str) -> str:
 
 
 def _given(text: str) -> float | str:
-    """Return a number, or what a set-point of the bench takes as a text with its unit."""
+    """Return a number, or a text with a unit for a set-point of the bench."""
     try:
         return float(text)
     except ValueError:

@@ -1,4 +1,4 @@
-"""A bus in a thread of its own: what it brings, with the time, and what goes out."""
+"""A bus in a separate thread: received frames with their time, and transmitted frames."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ _END_S: Final = 5.0
 
 
 class Listener(Background):
-    """Hears every frame of a bus while its block lasts, also when the bus goes and comes back.
+    """Receives every frame of a bus during a block, also after the bus was lost and is back.
 
-    Frames are sent by whoever calls `send`, at once: a stop does not wait until the thread that
-    listens has heard something. python-can's buses take a sender beside a receiver, as
-    python-canopen does; the lock keeps senders from each other, and from a bus that is closed.
+    `send` transmits in the thread of its caller, so that a stop does not wait for the receiving
+    thread. Buses of python-can allow one sender beside a receiver, as python-canopen does. The lock
+    separates senders from each other, and from closing the bus.
 
     Parameters
     ----------
     open_bus
-        Opens the bus; raises BusError. Called at once.
+        Function that opens the bus or raises BusError. Called at once.
 
     Attributes
     ----------
     lost
-        Why there is no bus; empty while there is one.
+        Reason why there is no bus; empty while there is one.
     """
 
     def __init__(self, open_bus: Callable[[], Bus]) -> None:
@@ -46,19 +46,19 @@ class Listener(Background):
         self._bus = ReconnectingBus(open_bus, _Nobody(), lost=self._lose, back=self._find)
 
     def heard(self) -> Iterator[tuple[float, Frame]]:
-        """Take out what has come so far: times of `time.monotonic`, and frames."""
+        """Yield new frames since the last call, each after its time of `time.monotonic`."""
         for _ in range(self._heard.qsize()):
             yield self._heard.get()
 
     def send(self, frame: Frame) -> None:
-        """Send a frame; it is dropped without a bus, and where the queue of the bus is full."""
+        """Send a frame; it is dropped without a bus, or if the queue of the bus is full."""
         with self._sending:
             if self._over.is_set():
                 return
             try:
                 self._bus.send(frame)
             except QueueFullError:
-                # A read is asked again, a stop is written again.
+                # Reads and stops are repeated by their callers.
                 return
             except BusError as error:
                 self._failed = error
@@ -99,12 +99,12 @@ class Listener(Background):
 
 
 class _Nobody:
-    """Whom it does not concern that the bus goes and comes back."""
+    """A party that ignores the loss and the return of the bus."""
 
     def bus_off(self) -> list[Frame]:
-        """Say nothing."""
+        """Return no frames."""
         return []
 
     def bus_recovered(self) -> list[Frame]:
-        """Say nothing."""
+        """Return no frames."""
         return []

@@ -1,4 +1,4 @@
-"""The screen of a watch: a view laid out, and what a person may type. Needs Textual."""
+"""The terminal screen of a watch: layout of a view, and input of commands. Needs Textual."""
 
 from __future__ import annotations
 
@@ -22,31 +22,31 @@ from smarttac_can.watch.watcher import Peer, View, Watcher
 _TICK_S: Final = 0.05
 _STYLES: Final = {"head": "bold", "alarm": "bold red", "note": "yellow", "faint": "dim", "": ""}
 _BELOW: Final = 2
-"""Lines under the view."""
+"""Lines below the view."""
 LEAST_COLUMNS: Final = 72
 LEAST_LINES: Final = 20
-"""Of the view itself."""
+"""Least height of the view in lines, as `LEAST_COLUMNS` is its least width."""
 _HALF_PLATE_MM: Final = 38.0
 _COF_MAX: Final = 1.0
 _STEPS: Final = " ▁▂▃▄▅▆▇█"
 _NOTHING: Final = "-"
 _EDGE: Final = 14
-"""Columns that label and value take in front of a bar."""
+"""Columns for label and value in front of a bar."""
 
 
 class WatchScreen(App[None]):
-    """A view that is drawn anew as frames come; with a stimulator to drive, a line to type at.
+    """A view that follows the frames of a bus, with a command line if a stimulator is driven.
 
     Parameters
     ----------
     watcher
-        What is shown.
+        Watcher whose view is shown.
     listener
-        Where its frames come from, running.
+        Running listener that supplies the frames.
     where
         Name of the bus.
     stimulator
-        What is driven; None to look on only.
+        Stimulator to drive; None for a screen that only reads.
     """
 
     CSS = "Input { border: none; height: 1; padding: 0; }"
@@ -71,10 +71,10 @@ class WatchScreen(App[None]):
         self._stimulator = stimulator
         self._worker: ThreadPoolExecutor | None = None
         self._doing: Future[str] | None = None
-        self._said = ""
+        self._report = ""
 
     def compose(self) -> ComposeResult:
-        """Lay out the view, the line to type at, and what the keys do."""
+        """Create the view, the command line, and the line for keys and reports."""
         yield Static(id="view")
         if self._stimulator is not None:
             yield Input(placeholder=HINT, id="line", select_on_focus=False)
@@ -89,24 +89,24 @@ class WatchScreen(App[None]):
         self._tick()
 
     def on_unmount(self) -> None:
-        """Wait for what is being done."""
+        """Wait for the end of the present command."""
         if self._worker is not None:
             self._worker.shutdown()
 
     def action_stop(self) -> None:
-        """Disarm, whatever else is being done; a watch that only looks on has no such key."""
+        """Disarm, also during a command; a screen that only reads has no such key."""
         if self._stimulator is None:
             return
         self._watcher.stop()
-        self._said = "stop"
+        self._report = "stop"
         self._tick()
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Have a line obeyed, one at a time."""
+        """Execute a command, one at a time."""
         if self._doing is not None or self._watcher.stopping:
-            self._said = "wait: the last one is not done yet"
+            self._report = "wait: the last one is not done yet"
         elif self._worker is not None and self._stimulator is not None and event.value.strip():
-            self._said = f"doing: {event.value.strip()}"
+            self._report = f"doing: {event.value.strip()}"
             self._doing = self._worker.submit(obey, self._stimulator, event.value)
             event.input.value = ""
 
@@ -126,15 +126,15 @@ class WatchScreen(App[None]):
         if self._doing is None:
             return
         if self._watcher.stopping:
-            # What is being done must not arm behind the stop's back.
+            # A command that is still running must not arm after the stop.
             self._watcher.stop()
         if not self._doing.done():
             return
         try:
-            self._said = self._doing.result()
+            self._report = self._doing.result()
         except (BenchError, ValueError) as error:
-            # A device may have put into its Message what a terminal would obey.
-            self._said = "".join(c if c.isprintable() else "?" for c in in_shell_words(error))
+            # The Message of a device may contain control characters for a terminal.
+            self._report = "".join(c if c.isprintable() else "?" for c in in_shell_words(error))
         self._doing = None
 
     def _show(self, now: float) -> None:
@@ -149,7 +149,7 @@ class WatchScreen(App[None]):
     def _keys(self) -> str:
         if self._stimulator is None:
             return "reads only   q: end"
-        return f"Esc: STOP   Ctrl-C: stop and end\n{self._said}"
+        return f"Esc: STOP   Ctrl-C: stop and end\n{self._report}"
 
 
 class Line(NamedTuple):
@@ -161,16 +161,16 @@ class Line(NamedTuple):
 
 
 def lines(view: View, where: str, width: int, height: int, below: int = 0) -> list[Line]:
-    """Lay a view out, at most `height - below` lines of at most `width` columns.
+    """Return the lines of a view: at most `height - below` of at most `width` columns.
 
     Parameters
     ----------
     where
         Name of the bus.
     width, height
-        Of the whole terminal.
+        Size of the whole terminal.
     below
-        Lines of it that others need.
+        Lines of the terminal that are not for the view.
     """
     too_small = (
         f"the terminal has {width} x {height} characters, "
@@ -181,7 +181,7 @@ def lines(view: View, where: str, width: int, height: int, below: int = 0) -> li
         return [Line(text, "alarm") for text in wrap(too_small, max(width, 1))[: max(height, 0)]]
     laid = [*_top(view, where), *_contact(view, width), *_drive(view), *_counts(view)]
     urgent = [*_urgent(view, width)]
-    # What is wrong comes before what was wrong, if there is no room for both.
+    # If there is no room for both, present faults come before past emergencies.
     room = height - len(laid)
     laid += urgent[:room]
     laid += list(_emergencies(view))[: max(0, room - len(urgent))]
@@ -280,7 +280,6 @@ def _value(view: View, name: str, decimals: int) -> str:
 
 
 def _bar(value: float | None, reference: float | None, width: int) -> str:
-    """Draw a value as a bar, and its reference as a mark."""
     cells = ["#" if at < _column(value or 0.0, width) else "." for at in range(width)]
     if reference is not None:
         cells[min(_column(reference, width), width - 1)] = "|"
@@ -292,7 +291,7 @@ def _column(value: float, width: int) -> int:
 
 
 def _course(history: Sequence[tuple[float | None, float | None]], width: int) -> str:
-    """Draw the COF over time, as high as the highest of it."""
+    """Draw the COF over time, scaled to its maximum."""
     values = [cof for cof, _ in history[-width:]]
     highest = max([value for value in values if value is not None], default=0.0)
     if not highest:

@@ -1,4 +1,4 @@
-"""A listener to a stimulator: frames and time go in, what there is to see comes out."""
+"""A listener to a stimulator: frames and time are its input, a view is its output."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ PUBLISHED: Final = {
     "Vibration.Frequency": "Hz",
     "Plate temperature": "degC",
 }
-"""What TPDOs carry by default, with the unit in which it is shown."""
+"""Objects in the default TPDOs, with the units in which they are shown."""
 READ: Final = {
     "Cycle.Cycles": "",
     "Diagnosis.Latched": "",
@@ -58,44 +58,45 @@ READ: Final = {
     "Cycle.Corrupt measurements": "",
     "Cycle.Surplus measurements": "",
 }
-"""What no TPDO carries by default, read by SDO in turn, with the unit in which it is shown."""
+"""Objects in no default TPDO, which are read by SDO in turn, with the units for showing them."""
 FORGOTTEN_S: Final = 5.0
-"""A value read by SDO is shown for so long."""
+"""Time in s for which a value read by SDO is shown."""
 _EMERGENCIES: Final = 6
 _HISTORY: Final = 120
 _SAMPLE_S: Final = 0.25
 SILENT_S: Final = 3.0
-"""Three heartbeats by default."""
+"""Time in s without a frame after which a node is silent: three heartbeats by default."""
 _SPEAKS: Final = ("", STATES[NMTState.OPERATIONAL])
 OLD_S: Final = 2.0
-"""A value that has not come for so long is not shown: 20 event times by default."""
+"""Age in s above which a published value is not shown: 20 event times by default."""
 _PLACES: Final = range(9)
 PAUSE_S: Final = 0.05
-"""Between two reads: below 0.6 % of a bus of 1 Mbit/s."""
+"""Pause in s between two reads: load below 0.6 % of a bus of 1 Mbit/s."""
 TIMEOUT_S: Final = 0.5
 YIELD_S: Final = 0.3
-"""How long it asks nothing after another client has: an upload would end that one's transfer."""
+"""Pause in s after a request of another client, as an upload would end its transfer."""
 WINDOW_S: Final = 1.0
 _STOP_AGAIN_S: Final = 0.1
 _ARMED: Final = (State.ARMED, State.RUNNING)
 
 
 class Watcher:
-    """State of a stimulator, from listening and from reading what no TPDO carries.
+    """State of a stimulator, from received frames and from SDO reads of unpublished objects.
 
-    It sends nothing but SDO reads of single objects, and nothing at all if `reads` is False; the
-    one exception is `stop`.
+    It sends only SDO reads of single objects, and none if `reads` is False. The one exception is
+    `stop`.
 
     Parameters
     ----------
     stimulator
-        EDS of the stimulator, loaded for its node-ID.
+        Object dictionary of the stimulator, loaded for its node-ID.
     plate
-        EDS of the plate node, loaded for its node-ID; None with the plate inside the stimulator.
+        Object dictionary of the plate node, loaded for its node-ID; None if the plate is inside the
+        stimulator.
     bit_rate
-        Of the bus in bit/s, for its load.
+        Bit rate of the bus in bit/s, for its load.
     reads
-        Whether it may read by SDO.
+        Whether objects are read by SDO.
     """
 
     def __init__(
@@ -125,16 +126,16 @@ class Watcher:
         self._began: float | None = None
         self._stop = Stop(stimulator)
         self.lost = ""
-        """Why there is no bus; empty while there is one."""
+        """Reason why there is no bus; empty while there is one."""
 
     def receive(self, now: float, frame: Frame) -> None:
-        """Take a frame of another party, heard at a time in s."""
+        """Handle a frame of another party, received at a time in s."""
         self._load.take(now, frame)
         self._published.take(now, frame)
         for node in self._nodes:
             booted = node.take(now, frame)
             if booted and node is self._nodes[0] and self._reader is not None:
-                # A reset has put the mapping back.
+                # A reset has restored the default mapping.
                 self._reader.restart()
                 self._remapped = False
             if frame.can_id == node.emergency_id and len(frame.data) > 1:
@@ -144,7 +145,7 @@ class Watcher:
             self._follow(self._reader, now)
 
     def advance(self, now: float) -> list[Frame]:
-        """Go on to a time in s; return the frames to send."""
+        """Advance to a time in s; return the frames to send."""
         if self._began is None:
             self._began = now
             self._published.remap({}, now)
@@ -162,19 +163,19 @@ class Watcher:
         return frames
 
     def stop(self) -> None:
-        """Disarm the stimulator: controlword and mode are written until it shows no drive.
+        """Disarm the stimulator: write controlword and mode until it reports that it is not armed.
 
-        Any client may, whoever drives.
+        Any client may do so, not only the commander.
         """
         self._stop.ask()
 
     @property
     def stopping(self) -> bool:
-        """Whether a stop was asked for, and the stimulator has not shown yet that it rests."""
+        """Whether a stop was requested, and the stimulator has not confirmed it yet."""
         return self._stop.asked
 
     def view(self, now: float) -> View:
-        """Return what there is to see at a time in s."""
+        """Return the view at a time in s."""
         seen = self._published.at(now)
         read = self._raw_read(now)
         load, rate = self._load.at(now)
@@ -225,7 +226,7 @@ class Watcher:
         }
 
     def _follow(self, reader: SdoReader, now: float) -> None:
-        """Take over the mapping once it is known, and how fast cycles are counted."""
+        """Apply the mapping once it is known, and update the rate of the cycles."""
         if reader.begun and not self._remapped:
             self._remapped = True
             self._published.remap(reader.values, now)
@@ -242,7 +243,7 @@ class Watcher:
 
 
 class Peer(NamedTuple):
-    """A node of the instrument, as its heartbeat shows it."""
+    """State of a node of the instrument, from its frames."""
 
     node_id: int
     name: str
@@ -253,11 +254,11 @@ class Peer(NamedTuple):
 
     @property
     def gone(self) -> bool:
-        """Whether it is not there, or no longer."""
+        """Whether the node was never received, or has fallen silent."""
         return self.silent is None or self.silent > SILENT_S
 
     def notes(self, listened: float) -> Iterator[str]:
-        """Say why it is not heard after so many s of listening."""
+        """Yield why the node publishes nothing, `listened` s after listening began."""
         who = f"node {self.node_id} ({self.name})"
         if self.silent is None:
             if listened > SILENT_S:
@@ -275,39 +276,40 @@ class Emergency(NamedTuple):
     """An emergency message."""
 
     ago: float
-    """Time in s since it came."""
+    """Time in s since its reception."""
     node_id: int
     code: int
     text: str
 
 
 class View(NamedTuple):
-    """A stimulator and its bus at one instant; what is not known is None, empty or absent."""
+    """A stimulator and its bus at one instant; unknown values are None, empty or absent."""
 
     peers: tuple[Peer, ...]
     notes: tuple[str, ...]
-    """What is wrong or missing, a sentence each."""
+    """Sentences on what is wrong or missing."""
     state: str
     mode: str
     flags: tuple[str, ...]
-    """Bits of the statusword that are set."""
+    """Names of the set bits of the statusword."""
     values: Mapping[str, float]
-    """By the name of the object, in the units of `PUBLISHED` and `READ`.
+    """Values by the name of the object, in the units of `PUBLISHED` and `READ`.
 
-    A position, from the middle of the plate, and a COF are absent while no finger touches.
+    The position, from the middle of the plate, and the COF are absent while the finger does not
+    touch.
     """
     cycle_rate: float | None
-    """Cycles a second."""
+    """Cycles per second."""
     latched: tuple[str, ...]
     """Texts of the latched faults."""
     emergencies: tuple[Emergency, ...]
-    """The newest first."""
+    """Emergency messages, newest first."""
     history: tuple[tuple[float | None, float | None], ...]
-    """COF and reference at equal intervals, the newest last."""
+    """COF and reference at equal intervals, newest last."""
     bus_load: float
-    """Share of the last second in which the bus was busy, with all stuff bits there may be."""
+    """Fraction of the last second in which the bus was busy, with the most stuff bits possible."""
     frame_rate: float
-    """Frames in the last second."""
+    """Number of frames in the last second."""
 
 
 def view_of(
@@ -323,14 +325,14 @@ def view_of(
     bus_load: float = 0.0,
     frame_rate: float = 0.0,
 ) -> View:
-    """Return the view of raw values of a stimulator, with what else is known.
+    """Return the view of raw values of a stimulator, together with other data.
 
     Parameters
     ----------
     od
-        EDS of the stimulator.
+        Object dictionary of the stimulator.
     seen, read
-        Raw values by name, of the objects that it publishes and of those that are read.
+        Raw values by name, of published objects and of objects read by SDO.
     """
     return View(
         peers=peers,
@@ -359,7 +361,7 @@ def _values(
     }
     for cof in ("Contact.COF", "Contact.COF reference"):
         if not values.get(cof):
-            # 0 stands for none.
+            # 0 means that there is no value.
             values.pop(cof, None)
     if not raw.get("Statusword", 0) & Status.TOUCHING:
         values.pop("Contact.Position", None)
@@ -381,21 +383,21 @@ def _mode(seen: Mapping[str, int]) -> str:
 
 
 class HeardNode:
-    """What a listener hears of one node.
+    """Follows the frames of one node.
 
     Parameters
     ----------
     od
-        Its EDS, loaded for its node-ID.
+        Object dictionary of the node, loaded for its node-ID.
     name
-        What to call it.
+        Name of the node for people.
 
     Attributes
     ----------
     emergency_id
         CAN-ID of its emergency messages.
     rested
-        Time in s at which it last said that it is not OPERATIONAL; None if it has not.
+        Time in s of its last heartbeat in another state than OPERATIONAL; None before.
     """
 
     def __init__(self, od: ObjectDictionary, name: str) -> None:
@@ -411,7 +413,7 @@ class HeardNode:
         self.rested: float | None = None
 
     def take(self, now: float, frame: Frame) -> bool:
-        """Take any frame of the bus; return whether it was the boot-up of this node."""
+        """Handle any frame of the bus; return whether it is the boot-up message of this node."""
         can_id = frame.can_id
         if can_id == HEARTBEAT_ID + self.node_id and frame.data and not frame.rtr:
             self._heard, self._nmt = now, frame.data[0] & 0x7F
@@ -419,21 +421,21 @@ class HeardNode:
                 self.rested = now
             return self._nmt == NMTState.INITIALISING
         if can_id in self._pdo_ids:
-            # PDOs are OPERATIONAL's alone; the next heartbeat may be a second away.
+            # Only OPERATIONAL nodes send PDOs; the next heartbeat may be 1 s away.
             self._heard, self._nmt = now, NMTState.OPERATIONAL
         elif can_id in (self.emergency_id, SDO_TX_ID + self.node_id):
             self._heard = now
         return False
 
     def at(self, now: float) -> Peer:
-        """Return what is to be shown of it."""
+        """Return the state of the node at a time in s."""
         nmt = "" if self._nmt is None else STATES.get(self._nmt, UNKNOWN)
         silent = None if self._heard is None else now - self._heard
         return Peer(self.node_id, self.name, nmt, silent)
 
 
 def mapping_entries(od: ObjectDictionary) -> Iterator[Entry]:
-    """Yield the entries that say what the public TPDOs carry."""
+    """Yield the entries of the mapping of the public TPDOs."""
     for number in PUBLIC:
         yield od.entry(TPDO_COMMUNICATION + number - 1, PDO_COB_ID)
         for place in _PLACES:
@@ -441,12 +443,12 @@ def mapping_entries(od: ObjectDictionary) -> Iterator[Entry]:
 
 
 class PublishedValues:
-    """What the public TPDOs brought last, decoded by the EDS until the mapping was read.
+    """Last values of the public TPDOs, decoded by the EDS until the mapping was read.
 
     Parameters
     ----------
     od
-        EDS of the stimulator, loaded for its node-ID.
+        Object dictionary of the stimulator, loaded for its node-ID.
     """
 
     def __init__(self, od: ObjectDictionary) -> None:
@@ -457,7 +459,7 @@ class PublishedValues:
         self.remap({}, 0.0)
 
     def remap(self, known: Mapping[Entry, int], now: float) -> None:
-        """Decode by the mapping that was read from the node; by the EDS where it was not.
+        """Decode by the mapping that was read from the node, or else by the EDS.
 
         Parameters
         ----------
@@ -472,7 +474,7 @@ class PublishedValues:
         self._since = now
 
     def take(self, now: float, frame: Frame) -> bool:
-        """Take any frame of the bus; return whether it was one of the TPDOs."""
+        """Handle any frame of the bus; return whether it is one of the TPDOs."""
         pdo = self._pdos.get(frame.can_id)
         if pdo is None or frame.rtr:
             return False
@@ -483,7 +485,7 @@ class PublishedValues:
         return True
 
     def at(self, now: float) -> dict[str, int]:
-        """Return the raw values, by name, that are not old at a time in s."""
+        """Return the raw values, by name, that are recent at a time in s."""
         return {
             name: value
             for pdo in self._pdos.values()
@@ -492,14 +494,14 @@ class PublishedValues:
         }
 
     def last(self, name: str) -> tuple[float, int] | None:
-        """Return when an object came last, in s, and its raw value; None if it has not."""
+        """Return time in s and raw value of the last reception of an object; None before."""
         for pdo in self._pdos.values():
             if pdo.received is not None and name in pdo.names:
                 return pdo.received, pdo.values[pdo.names.index(name)]
         return None
 
     def complaints(self, now: float) -> Iterator[str]:
-        """Say which TPDOs have another length than their mapping, or do not come."""
+        """Yield complaints about TPDOs that are missing or differ in length from their mapping."""
         if not self._pdos:
             yield "none of the TPDOs 1 to 4 is valid: nothing is published"
         for pdo in self._pdos.values():
@@ -511,7 +513,7 @@ class PublishedValues:
 
 
 class SdoReader:
-    """Reads entries in turn, over and over; some of them once, before the others.
+    """Reads entries in turn, repeatedly; some of them once, before the others.
 
     Parameters
     ----------
@@ -520,16 +522,16 @@ class SdoReader:
     once
         Entries of 1 to 4 bytes to read first.
     again
-        Those to read over and over.
+        Entries to read repeatedly.
 
     Attributes
     ----------
     values
         Raw value of each entry that was read.
     silent
-        Whether the last request has not been answered.
+        Whether the last request was not answered.
     read_at
-        Time in s at which each entry was read last.
+        Time in s of the last read of each entry.
     """
 
     def __init__(self, node_id: int, once: Iterable[Entry], again: Iterable[Entry]) -> None:
@@ -544,7 +546,7 @@ class SdoReader:
         self.restart()
 
     def restart(self) -> None:
-        """Begin with the first entry; what was read is forgotten."""
+        """Forget all values, and begin again with the first entry."""
         self.values.clear()
         self.read_at.clear()
         self._asked = None
@@ -553,11 +555,11 @@ class SdoReader:
 
     @property
     def begun(self) -> bool:
-        """Whether all that is read once has been asked for."""
+        """Whether all entries of `once` have been answered."""
         return not self._open
 
     def take(self, now: float, frame: Frame) -> bool:
-        """Take any frame, also a request of another client; return whether it is an answer."""
+        """Handle any frame, also a request of another client; return whether it is an answer."""
         if frame.can_id == SDO_RX_ID + self._node_id:
             self._next = now + YIELD_S
             return False
@@ -575,7 +577,7 @@ class SdoReader:
         return True
 
     def request(self, now: float) -> Frame | None:
-        """Return the request that is due at a time in s, if one is."""
+        """Return the request that is due at a time in s, or None."""
         if self._asked is not None:
             if now < self._deadline:
                 return None
@@ -600,16 +602,16 @@ class SdoReader:
 
 
 class LoadMeter:
-    """Sums the time that frames take on the wire, each as long as stuff bits can make it.
+    """Sums the durations of frames on the bus, each with the most stuff bits possible.
 
     Parameters
     ----------
     bit_rate
-        In bit/s, above 0.
+        Bit rate in bit/s, above 0.
     """
 
     def __init__(self, bit_rate: int) -> None:
-        # An RTR frame and one of no data are as long as each other.
+        # An RTR frame is as long as a frame without data.
         self._seconds = [frame_seconds(size, bit_rate) for size in range(9)]
         self._frames: deque[tuple[float, float]] = deque()
         self._busy = 0.0
@@ -621,7 +623,7 @@ class LoadMeter:
         self._busy += seconds
 
     def at(self, now: float) -> tuple[float, float]:
-        """Return the share of the last second that was busy, and its frames."""
+        """Return the busy fraction of the last second, and its number of frames."""
         while self._frames and self._frames[0][0] <= now - WINDOW_S:
             self._busy -= self._frames.popleft()[1]
         if not self._frames:
@@ -630,17 +632,17 @@ class LoadMeter:
 
 
 class Stop:
-    """Writes controlword and mode again and again: a frame may be lost, and another may arm.
+    """Writes controlword and mode repeatedly: a frame may be lost, and another client may arm.
 
     Parameters
     ----------
     od
-        EDS of the stimulator, loaded for its node-ID.
+        Object dictionary of the stimulator, loaded for its node-ID.
 
     Attributes
     ----------
     asked
-        Whether a stop was asked for, and the stimulator has not shown yet that it rests.
+        Whether a stop was requested, and the stimulator has not confirmed it yet.
     """
 
     def __init__(self, od: ObjectDictionary) -> None:
@@ -653,7 +655,7 @@ class Stop:
         self._next = 0.0
 
     def ask(self) -> None:
-        """Stop from now on; asked for again, it lasts longer."""
+        """Request a stop; another request extends it."""
         self.asked = True
         self._first = None
 
@@ -665,11 +667,12 @@ class Stop:
         Parameters
         ----------
         now
-            The time in s.
+            Present time in s.
         shown
-            When the statusword came last, and what it was; None if it never has.
+            Time in s and value of the last statusword; None before the first.
         rested
-            When the node last said that it is not OPERATIONAL; None if it never has.
+            Time in s of the last heartbeat in another state than OPERATIONAL; None before the
+            first.
         """
         if not self.asked:
             return []
