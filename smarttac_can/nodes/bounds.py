@@ -138,8 +138,8 @@ class Vibration(NamedTuple):
     most: complex
     """Bound from above. `cut` keeps it within its limit unless drives are late."""
     E: float
-    """Vibration at the bare resonance for the largest voltages. Detuning and fingers only 
-    lower it."""
+    """Vibration at the bare resonance for the largest voltages. Detuning and fingers
+    only lower it."""
     E_least: float
     """Vibration at the bare resonance for the smallest voltages."""
     least: float
