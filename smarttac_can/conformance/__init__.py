@@ -1,4 +1,4 @@
-"""A conformance suite for CANopen devices: 127 cases, judged by the frames on the bus alone."""
+"""A conformance suite for CANopen devices: 127 cases, which judge only the frames on the bus."""
 
 from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.run import markdown, run_cases, summary

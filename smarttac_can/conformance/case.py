@@ -1,4 +1,4 @@
-"""What a case of the suite is, and what a data sheet says of a device, as the cases ask for it."""
+"""Definition of a case of the suite, and of the device description that the cases use."""
 
 from __future__ import annotations
 
@@ -34,33 +34,33 @@ if TYPE_CHECKING:
 
 
 Need = Callable[["DeviceDescription"], str | None]
-"""Returns why a device of that data sheet cannot be asked, None if it can."""
+"""Function that returns why a case does not apply to such a device, None if it does."""
 
 
 class Failure(Exception):  # noqa: N818 - an outcome, not a mistake of the suite
-    """The device breaks the rule; the message is one line."""
+    """The device violates the rule; the message is one line."""
 
 
 class NotApplicable(Exception):  # noqa: N818 - an outcome
-    """The device shows that it does not have an optional feature; the message is one line."""
+    """The device does not support an optional feature; the message is one line."""
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One case.
+    """One case of the suite.
 
     Attributes
     ----------
     number
-        Its identifier, such as ``SDO-07``.
+        Identifier, such as ``SDO-07``.
     title
-        What is looked at.
+        Subject of the case.
     rule
-        What a device must do, with the clause of CiA 301 (4.2), 302 or 306.
+        Rule for the device, with the clause of CiA 301 (4.2), 302 or 306.
     needs
-        What the data sheet must have for the case to apply.
+        Requirements on the data sheet for the case to apply.
     check
-        Asks the device; raises `Failure` or `NotApplicable`.
+        Function that examines the device; it raises `Failure` or `NotApplicable`.
     """
 
     number: str
@@ -76,7 +76,7 @@ class Case:
 
 
 def case(number: str, rule: str, *needs: Need) -> Callable[[Callable[[Examiner], None]], Case]:
-    """Make a case of a function that asks the device; its docstring, a noun, is the title."""
+    """Return a decorator that makes a case of a function, whose docstring, a noun, is the title."""
 
     def made(check: Callable[[Examiner], None]) -> Case:
         return Case(number, (check.__doc__ or "").rstrip("."), rule, needs, check)
@@ -85,16 +85,16 @@ def case(number: str, rule: str, *needs: Need) -> Callable[[Callable[[Examiner],
 
 
 class Result(NamedTuple):
-    """What came out of a case.
+    """Result of a case.
 
     Attributes
     ----------
     verdict
         ``pass``, ``fail`` or ``not applicable``.
     reason
-        Empty for a pass.
+        Reason for the verdict; empty for a pass.
     trace
-        The last frames of a failed case, ``>`` to and ``<`` from the device.
+        Last frames of a failed case, ``>`` to and ``<`` from the device.
     """
 
     case: Case
@@ -104,7 +104,7 @@ class Result(NamedTuple):
 
 
 COMMANDS: Final = frozenset({STORE_PARAMETERS, RESTORE_DEFAULTS})
-"""Objects to which a value is a command: nothing is written back to them."""
+"""Objects in which a write is a command, so that their values are never written back."""
 
 
 class Pdo(NamedTuple):
@@ -115,14 +115,14 @@ class Pdo(NamedTuple):
 
 
 class DeviceDescription:
-    """An EDS seen by who tests a device of it.
+    """Description of a device under test by its EDS.
 
     Parameters
     ----------
     text
-        The EDS.
+        Content of the EDS.
     node_id
-        Of the device, 1..127.
+        Node-ID of the device, 1..127.
     """
 
     def __init__(self, text: str, node_id: int) -> None:
@@ -141,16 +141,16 @@ class DeviceDescription:
         ]
 
     def has(self, index: int, subindex: int = 0) -> bool:
-        """Tell whether the EDS describes an entry."""
+        """Return whether the EDS describes an entry."""
         return self.od.get(index, subindex) is not None
 
     def writable(self, index: int, subindex: int = 0) -> bool:
-        """Tell whether the EDS describes an entry that takes values."""
+        """Return whether the EDS describes an entry that can be written."""
         entry = self.od.get(index, subindex)
         return entry is not None and entry.writable
 
     def states_default(self, entry: Entry) -> bool:
-        """Tell whether the EDS names a default value, rather than leaving it open."""
+        """Return whether the EDS states a default value of an entry."""
         for name in (f"{entry.index:04x}sub{entry.subindex:x}", f"{entry.index:04x}"):
             section = self.sections.get(name, {})
             if section.get("defaultvalue") or section.get("parametervalue"):
@@ -159,11 +159,11 @@ class DeviceDescription:
         return bool(values.get(str(entry.subindex)))
 
     def mapped(self, pdo: Pdo) -> list[int]:
-        """Return the mapping entries that the EDS gives a PDO by default."""
+        """Return the default mapping of a PDO in the EDS."""
         return [self.od.number(pdo.mapping, n) for n in range(1, self.od.number(pdo.mapping) + 1)]
 
     def usable(self, pdos: list[Pdo]) -> list[Pdo]:
-        """Pick the PDOs that carry something and let themselves be configured."""
+        """Return the PDOs that have a mapping and can be configured."""
         return [
             pdo
             for pdo in pdos
@@ -174,7 +174,7 @@ class DeviceDescription:
         ]
 
     def mappable(self, pdos: list[Pdo]) -> list[Pdo]:
-        """Pick the usable PDOs whose mapping can be written."""
+        """Return the usable PDOs with a writable mapping."""
         return [
             pdo
             for pdo in self.usable(pdos)
@@ -182,7 +182,7 @@ class DeviceDescription:
         ]
 
     def number_entries(self) -> list[Entry]:
-        """List the rw numbers of 4 bytes, those first that do no harm."""
+        """Return the rw numbers of 4 bytes, those without side effects first."""
         harmless = [self.od.get(VERIFY_CONFIGURATION, 1), self.od.get(HEARTBEAT_CONSUMER, 1)]
         words = (e for e in self.od if e.index > COMMUNICATION_LAST and e.high > e.low)
         return [
@@ -192,13 +192,13 @@ class DeviceDescription:
         ]
 
     def long_entry(self) -> Entry | None:
-        """Find a readable entry that takes more than one frame; None if there is none."""
+        """Return a readable entry that needs more than one frame; None if there is none."""
         name = self.od.get(DEVICE_NAME)
         candidates = ([] if name is None else [name]) + list(self.od)
         return next((e for e in candidates if e.readable and _length(e) > EXPEDITED_BYTES), None)
 
     def long_writable(self) -> Entry | None:
-        """Find an rw entry of the application above 4 bytes; None if there is none."""
+        """Return an rw entry of the application with more than 4 bytes; None if there is none."""
         return next(
             (
                 entry
@@ -216,7 +216,7 @@ def _length(entry: Entry) -> int:
 
 
 def needs_object(index: int, subindex: int = 0, *, writable: bool = False) -> Need:
-    """Require that the EDS describes an entry, and one that takes values if ``writable``."""
+    """Require that the EDS describes an entry, which can be written if ``writable``."""
 
     def reason(sheet: DeviceDescription) -> str | None:
         if not sheet.has(index, subindex):

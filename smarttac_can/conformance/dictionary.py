@@ -17,7 +17,7 @@ _ORDERED = {*SIGNED, *UNSIGNED, *REAL}
 
 
 def report(faults: list[str], count: int) -> None:
-    """Raise `Failure` with the first few of many faults."""
+    """Raise `Failure` with the first few of the faults, if any."""
     if faults:
         more = f" and {len(faults) - _SHOWN} more" if len(faults) > _SHOWN else ""
         raise Failure(f"{len(faults)} of {count}: {'; '.join(faults[:_SHOWN])}{more}")
@@ -33,7 +33,7 @@ def _readable(examiner: Examiner) -> list[Entry]:
 
 
 def _read(examiner: Examiner, entry: Entry) -> bytes | None:
-    """Read the bytes of an entry; None where the device has no data for it now."""
+    """Read the bytes of an entry; None if the device has no data for it now."""
     try:
         return upload(examiner, entry.index, entry.subindex)
     except Abort as abort:
@@ -107,7 +107,7 @@ def read_only(examiner: Examiner) -> None:
 def _wrong_refusal(
     examiner: Examiner, entry: Entry, access: Callable[..., object], *codes: AbortCode
 ) -> list[str]:
-    """Say what is wrong with how an access to an entry is refused."""
+    """Return what is wrong with the refusal of an access to an entry, as a list."""
     try:
         examiner.refuse(lambda: access(examiner, entry.index, entry.subindex), where(entry), *codes)
     except Failure as failure:
@@ -128,7 +128,7 @@ def write_only(examiner: Examiner) -> None:
 
 
 def _beyond(entry: Entry) -> Iterator[bytes]:
-    """Yield the values next outside of the limits, where the data type can express them."""
+    """Yield the values just outside the limits that the data type can represent."""
     low, high = bounds(entry.data_type)
     for value, possible in ((entry.low - 1, entry.low > low), (entry.high + 1, entry.high < high)):
         if possible:

@@ -1,4 +1,4 @@
-"""EMCY: message, history, COB-ID and inhibit time, by a watched node that is lost and found."""
+"""EMCY: message, history, COB-ID and inhibit time, caused by the loss of a supervised node."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from smarttac_can.od.cia import (
     ErrorRegister,
 )
 
-# The error that a case causes and takes back: a watched node falls silent and returns.
+# The error that a case causes and clears: a supervised node falls silent and returns.
 
 WATCH_MS = 60
 _OPERATIONAL = b"\x05"
@@ -30,17 +30,17 @@ needs_consumer = needs_object(HEARTBEAT_CONSUMER, 1, writable=True)
 
 
 def other_node(examiner: Examiner) -> int:
-    """Return a node-ID that is not the device's."""
+    """Return a node-ID other than that of the device."""
     return LAST_NODE_ID - 1 if examiner.node_id == LAST_NODE_ID else LAST_NODE_ID
 
 
 def emcy_id(examiner: Examiner) -> int:
-    """Return the CAN-ID of the device's EMCY by the data sheet."""
+    """Return the CAN-ID of the device's EMCY in the data sheet."""
     return examiner.sheet.od.number(EMCY_COB_ID) & CAN_ID_MASK
 
 
 def watch(examiner: Examiner) -> None:
-    """Make the device watch another node, and send one heartbeat of that node."""
+    """Configure the device to supervise another node, and send one heartbeat of that node."""
     write_number(examiner, HEARTBEAT_CONSUMER, 1, other_node(examiner) << 16 | WATCH_MS)
     examiner.drain()
     heartbeat(examiner)
@@ -57,7 +57,7 @@ def expect_emcy(examiner: Examiner, code: EmergencyCode, timeout: float | None =
     Raises
     ------
     Failure
-        If none comes within the time-out in s, or it has another code.
+        No EMCY comes within the time-out in s, or it has another code.
     """
     data = examiner.expect(emcy_id(examiner), f"EMCY {code:04X}h", timeout).data
     if len(data) != FRAME_BYTES:
@@ -68,7 +68,7 @@ def expect_emcy(examiner: Examiner, code: EmergencyCode, timeout: float | None =
 
 
 def lose_node(examiner: Examiner) -> bytes:
-    """Let a node that the device watches fall silent; return the 8 bytes of the EMCY 8130h."""
+    """Cause the loss of a supervised node; return the 8 bytes of the EMCY 8130h."""
     watch(examiner)
     return expect_emcy(examiner, EmergencyCode.ERROR_CONTROL, WATCH_MS * 1e-3 + examiner.timeout)
 

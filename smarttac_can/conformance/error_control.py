@@ -1,4 +1,4 @@
-"""Error control: node and life guarding, heartbeat, and that one excludes the other."""
+"""Error control: node and life guarding, heartbeat, and their mutual exclusion."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ STATES = {
     NMTCommand.STOP: NMTState.STOPPED,
     NMTCommand.ENTER_PRE_OPERATIONAL: NMTState.PRE_OPERATIONAL,
 }
-"""To which state a command leads."""
+"""NMT state after each command."""
 
 needs_producer = needs_object(HEARTBEAT_PRODUCER, writable=True)
 needs_guarding = needs_object(GUARD_TIME, writable=True)
@@ -41,21 +41,21 @@ needs_life_time = needs_object(LIFE_TIME_FACTOR, writable=True)
 
 
 def heartbeat_can_end(sheet: DeviceDescription) -> str | None:
-    """Require that the EDS lets node guarding take the heartbeat's place."""
+    """Require that the heartbeat can be disabled, so that guarding is possible."""
     if sheet.od.number(HEARTBEAT_PRODUCER) and not sheet.writable(HEARTBEAT_PRODUCER):
         return "the EDS has a heartbeat that cannot be switched off"
     return None
 
 
 def end_heartbeat(examiner: Examiner) -> None:
-    """Switch the heartbeat off, which lets guarding take its place."""
+    """Disable the heartbeat, so that guarding is possible."""
     if examiner.sheet.od.number(HEARTBEAT_PRODUCER):
         set_period(examiner, 0)
         examiner.settle()
 
 
 def ask_state(examiner: Examiner) -> int:
-    """Ask for the NMT state by a remote frame; return the answer, state and toggle bit."""
+    """Request the NMT state by a remote frame; return the answer, state and toggle bit."""
     examiner.drain()
     examiner.send(examiner.heartbeat_id, rtr=True)
     data = examiner.expect(examiner.heartbeat_id, "answer to guarding").data
@@ -65,7 +65,7 @@ def ask_state(examiner: Examiner) -> int:
 
 
 def no_answer(examiner: Examiner, why: str) -> None:
-    """Raise `Failure` if a remote frame is answered; a heartbeat has no toggle bit set."""
+    """Raise `Failure` if a remote frame is answered; a heartbeat never sets the toggle bit."""
     examiner.drain()
     examiner.send(examiner.heartbeat_id, rtr=True)
     for arrival in examiner.collect(examiner.heartbeat_id):
@@ -79,12 +79,12 @@ def set_period(examiner: Examiner, period_ms: int = PERIOD_MS) -> None:
 
 
 def beats(examiner: Examiner, period_ms: int = PERIOD_MS) -> list[int]:
-    """Hear the heartbeats of 8 periods, and return the NMT states in them.
+    """Receive the heartbeats of 8 periods, and return the NMT states in them.
 
     Raises
     ------
     Failure
-        If fewer than 3 come, or they do not keep the time.
+        Fewer than 3 heartbeats come, or their period is wrong.
     """
     arrivals = periodic(examiner, examiner.heartbeat_id, "heartbeat", "producer time", period_ms)
     for arrival in arrivals:
@@ -94,7 +94,7 @@ def beats(examiner: Examiner, period_ms: int = PERIOD_MS) -> list[int]:
 
 
 def start_life_guarding(examiner: Examiner) -> None:
-    """Write guard time and life time factor, which make the device expect to be asked."""
+    """Write guard time and life time factor, so that the device expects remote frames."""
     write_number(examiner, GUARD_TIME, 0, PERIOD_MS)
     write_number(examiner, LIFE_TIME_FACTOR, 0, _FACTOR)
 
@@ -292,7 +292,7 @@ def consumer_twice(examiner: Examiner) -> None:
     )
 
 
-# Guarding and heartbeat together (BOTH): one excludes the other.
+# Guarding and heartbeat together (BOTH): they exclude each other.
 
 
 @case(

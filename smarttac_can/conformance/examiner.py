@@ -1,4 +1,4 @@
-"""The tester's side of the bus: frames, SDO, NMT, and what must or must not come."""
+"""The tester's side of the bus: frames, SDO, NMT, and checks of the device's answers."""
 
 from __future__ import annotations
 
@@ -30,40 +30,40 @@ from smarttac_can.od.cia import (
 _TRACE_LENGTH: Final = 24
 _BOOT_TIME_OUTS: Final = 10
 _FULL_S: Final = 1e-3
-"""Time for a full queue to drain."""
+"""Time in s for a full queue to drain."""
 
 
 class ProbeBus(Protocol):
-    """What the examiner needs of a bus: any `Bus` has it, and a `DeviceTimeBus`."""
+    """Bus interface that the examiner needs; `Bus` and `DeviceTimeBus` have it."""
 
     def send(self, frame: Frame) -> None:
         """Send a frame."""
 
     def receive(self, timeout: float) -> Frame | None:
-        """Return the next frame, None if none comes within a time in s; 0 takes what is there."""
+        """Return the next frame, None if none comes within a time in s; 0 does not wait."""
 
 
 class Arrival(NamedTuple):
-    """A frame of the device and when it came, in s."""
+    """A received frame, and its time in s."""
 
     time: float
     frame: Frame
 
 
 class Examiner:
-    """Asks one device.
+    """Examine one device.
 
     Parameters
     ----------
     bus
-        The bus; only the device under test should be on it.
+        Bus, on which only the device under test should be.
     sheet
-        The device's data sheet.
+        Data sheet of the device.
     timeout
-        Longest time in s the device may take for an answer, above 0; all other times of the suite
-        are multiples of it.
+        Longest time in s for an answer of the device, above 0. All other times of the suite are
+        multiples of it.
     clock
-        Time in s, by which the bus waits.
+        Function that returns the time in s that the bus uses.
     """
 
     def __init__(
@@ -84,12 +84,12 @@ class Examiner:
         self._clock = clock
 
     def send(self, can_id: int, data: bytes = b"", *, rtr: bool = False) -> None:
-        """Send a frame; on a bus with a full queue, as soon as it takes it.
+        """Send a frame; if the queue of the bus is full, wait until it accepts the frame.
 
         Raises
         ------
         QueueFullError
-            If it has taken none for the time-out.
+            The queue has accepted no frame for the time-out.
         """
         frame = Frame(can_id, data, rtr)
         end = self._clock() + self.timeout
@@ -105,16 +105,16 @@ class Examiner:
                 return
 
     def arrivals(self, duration: float) -> Iterable[Arrival]:
-        """Yield frames as they come, until the duration in s has passed.
+        """Yield frames as they are received, until the duration in s has elapsed.
 
-        Those that wait by then are among them, however late a loaded system lets the examiner look.
+        Frames that are waiting at that time are included, however late a loaded system continues.
         """
         end = self._clock() + duration
         last: float | None = None
         while True:
             now = self._clock()
             if last is None and now > end:
-                # A bus on which frames never end has no longer than this from the first late look.
+                # If frames never end, stop this long after the first late check.
                 last = now + self.timeout
             if last is not None and now > last:
                 return
@@ -127,22 +127,22 @@ class Examiner:
             yield Arrival(self._clock(), frame)
 
     def collect(self, can_id: int, duration: float | None = None) -> list[Arrival]:
-        """Return all frames with a CAN-ID that come in a duration in s, by default the time-out."""
+        """Return all frames with a CAN-ID within a duration in s, by default the time-out."""
         wait = self.timeout if duration is None else duration
         return [arrival for arrival in self.arrivals(wait) if arrival.frame.can_id == can_id]
 
     def drain(self) -> None:
-        """Drop the frames that have come already."""
+        """Drop the frames that were received before."""
         while (frame := self._bus.receive(0.0)) is not None:
             self.trace.append(f"< {_text(frame)}")
 
     def settle(self) -> None:
-        """Drop the frames that come within a third of the time-out."""
+        """Drop the frames that are received within a third of the time-out."""
         for _ in self.arrivals(self.timeout / 3):
             pass
 
     def wait(self, can_id: int, timeout: float | None = None) -> Arrival | None:
-        """Return the next frame with a CAN-ID, others passed over; None after the time-out in s."""
+        """Return the next data frame with a CAN-ID; None after the time-out in s."""
         for arrival in self.arrivals(self.timeout if timeout is None else timeout):
             if arrival.frame.can_id == can_id and not arrival.frame.rtr:
                 return arrival
@@ -154,7 +154,7 @@ class Examiner:
         Raises
         ------
         Failure
-            If none comes within the time-out in s.
+            None is received within the time-out in s.
         """
         arrival = self.wait(can_id, timeout)
         if arrival is None:
@@ -163,23 +163,23 @@ class Examiner:
         return arrival.frame
 
     def silence(self, can_id: int, what: str, duration: float | None = None) -> None:
-        """Raise `Failure` if a frame with this CAN-ID comes within a duration in s."""
+        """Raise `Failure` if a frame with this CAN-ID is received within a duration in s."""
         arrival = self.wait(can_id, duration)
         if arrival is not None:
             raise Failure(f"unexpected {what}: {_text(arrival.frame)}")
 
     def sync(self, counter: int | None = None) -> None:
-        """Send SYNC; without a counter given, with one if the data sheet's defaults ask for it."""
+        """Send SYNC; the default counter is 1 if the data sheet has a counter, else none."""
         if counter is None and self.sheet.od.number(SYNC_COUNTER):
             counter = 1
         self.send(self.sync_id, b"" if counter is None else bytes((counter,)))
 
     def nmt(self, command: int, node_id: int | None = None) -> None:
-        """Send an NMT command to the device or to another."""
+        """Send an NMT command to the device or to another node."""
         self.send(NMT_ID, bytes((command, self.node_id if node_id is None else node_id)))
 
     def enter(self, command: int) -> None:
-        """Send the device an NMT command, and drop the frames that it causes."""
+        """Send an NMT command to the device, and drop the frames that it causes."""
         self.nmt(command)
         self.settle()
 
@@ -193,7 +193,7 @@ class Examiner:
         self.settle()
 
     def require_device(self) -> None:
-        """Raise `Failure` unless the device answers to a reset or to SDO."""
+        """Raise `Failure` unless the device responds to a reset or to SDO."""
         with suppress(Failure):
             self.reset()
             return
@@ -202,22 +202,22 @@ class Examiner:
 
     @property
     def sync_id(self) -> int:
-        """Identifier of SYNC by the data sheet."""
+        """CAN-ID of SYNC in the data sheet."""
         return self.sheet.od.sync_id
 
     @property
     def heartbeat_id(self) -> int:
-        """Identifier of the device's error control frames."""
+        """CAN-ID of the device's error control frames."""
         return HEARTBEAT_ID + self.node_id
 
     def request(self, data: bytes) -> bytes:
-        """Send an SDO request of up to 8 bytes, filled with zeros; return the response."""
+        """Send an SDO request of up to 8 bytes, padded with zeros; return the response."""
         self.drain()
         self.sdo_send(data)
         return self.sdo_response()
 
     def sdo_send(self, data: bytes) -> None:
-        """Send an SDO request of up to 8 bytes, filled with zeros; wait for no answer."""
+        """Send an SDO request of up to 8 bytes, padded with zeros, without waiting."""
         self.send(SDO_RX_ID + self.node_id, data.ljust(FRAME_BYTES, b"\0"))
 
     def sdo_response(self, timeout: float | None = None) -> bytes:
@@ -226,9 +226,9 @@ class Examiner:
         Raises
         ------
         Abort
-            If it is an abort.
+            The response is an abort.
         Failure
-            If none comes within the time-out in s.
+            No response is received within the time-out in s.
         """
         data = self.expect(SDO_TX_ID + self.node_id, "SDO response", timeout).data
         if len(data) != FRAME_BYTES:
@@ -238,7 +238,7 @@ class Examiner:
         return data
 
     def refuse(self, ask: Callable[[], object], what: str, *codes: AbortCode) -> None:
-        """Raise `Failure` unless the device answers with one of the abort codes, or any if none."""
+        """Raise `Failure` unless the device aborts, with one of the codes if any are given."""
         try:
             ask()
         except Abort as abort:
@@ -253,30 +253,30 @@ def _text(frame: Frame) -> str:
     return f"{frame.can_id:03X} {'rtr' if frame.rtr else frame.data.hex(' ').upper()}".rstrip()
 
 
-# SDO transfers as a client makes them, with each step checked.
+# SDO transfers of a client, with a check of each step.
 
 
 OUT_OF_RANGE = (AbortCode.VALUE, AbortCode.TOO_HIGH, AbortCode.TOO_LOW)
-"""How a device may refuse a value that is outside of what an entry takes."""
+"""Abort codes with which a device may refuse a value out of range."""
 _UPLOAD_RESPONSE = 2
 _SEGMENT = 7
 _LONGEST = 1 << 24
 
 
 def address(index: int, subindex: int) -> bytes:
-    """Return the three bytes that name an entry in an SDO request: its multiplexer."""
+    """Return the multiplexer of an SDO request: the three bytes that address an entry."""
     return index.to_bytes(2, "little") + bytes((subindex,))
 
 
 def upload(examiner: Examiner, index: int, subindex: int = 0) -> bytes:
-    """Read the bytes of an entry, expedited or segmented.
+    """Read the bytes of an entry by expedited or segmented upload.
 
     Raises
     ------
     Abort
-        If the device refuses.
+        The device refuses.
     Failure
-        If it does not answer, or breaks the protocol.
+        The device does not answer, or violates the protocol.
     """
     where = address(index, subindex)
     response = examiner.request(b"\x40" + where)
@@ -302,14 +302,14 @@ def upload(examiner: Examiner, index: int, subindex: int = 0) -> bytes:
 
 
 def download(examiner: Examiner, index: int, subindex: int, data: bytes) -> None:
-    """Write an entry, expedited up to 4 bytes, else segmented.
+    """Write an entry, by expedited download up to 4 bytes, else segmented.
 
     Raises
     ------
     Abort
-        If the device refuses.
+        The device refuses.
     Failure
-        If it does not answer, or breaks the protocol.
+        The device does not answer, or violates the protocol.
     """
     if not 1 <= len(data) <= EXPEDITED_BYTES:
         download_segments(examiner, index, subindex, data)
@@ -322,7 +322,7 @@ def download(examiner: Examiner, index: int, subindex: int, data: bytes) -> None
 def download_segments(
     examiner: Examiner, index: int, subindex: int, data: bytes, *, with_size: bool = True
 ) -> None:
-    """Write an entry by segments, whatever its length."""
+    """Write an entry by segmented download, whatever its length."""
     where = address(index, subindex)
     size = len(data).to_bytes(4, "little") if with_size else bytes(4)
     confirm(examiner.request(bytes((0x20 | with_size,)) + where + size), where)
@@ -349,24 +349,24 @@ def number(examiner: Examiner, index: int, subindex: int = 0) -> int:
 
 
 def write_number(examiner: Examiner, index: int, subindex: int, value: int) -> None:
-    """Write an unsigned number in the length that the data sheet gives the entry."""
+    """Write an unsigned number with the length of the entry in the data sheet."""
     size = examiner.sheet.od.entry(index, subindex).size
     download(examiner, index, subindex, value.to_bytes(size, "little"))
 
 
-# What comes every period: how long a case listens, and by how much it may be off.
+# Periodic frames: how long a case receives them, and the tolerance of their period.
 
 
 SPREAD = 0.4
-"""Share by which a period may be off: a bus in use and a computer's clock are in it."""
+"""Tolerance of a period as a fraction, which includes a bus in use and the computer's clock."""
 PERIODS = 8
-"""How long a case listens to what comes every period."""
+"""Number of periods for which a case receives periodic frames."""
 LEAST = 3
-"""Arrivals in that time from which their period can be told."""
+"""Least number of frames in that time from which the period is computed."""
 
 
 def mean_gap_ms(arrivals: list[Arrival]) -> float:
-    """Return the mean time between two arrivals in ms."""
+    """Return the mean time between two frames in ms."""
     gaps = [1000 * (later.time - earlier.time) for earlier, later in pairwise(arrivals)]
     return sum(gaps) / len(gaps)
 
@@ -374,12 +374,13 @@ def mean_gap_ms(arrivals: list[Arrival]) -> float:
 def periodic(
     examiner: Examiner, can_id: int, name: str, parameter: str, period_ms: int
 ) -> list[Arrival]:
-    """Hear the frames with a CAN-ID for 8 periods, and return them.
+    """Receive the frames with a CAN-ID for 8 periods, and return them.
 
     Raises
     ------
     Failure
-        If fewer than 3 come, or they do not keep the time; by the names of frame and parameter.
+        Fewer than 3 are received, or their period is wrong; it gives the names of frame and
+        parameter.
     """
     examiner.drain()
     arrivals = examiner.collect(can_id, 1e-3 * PERIODS * period_ms)

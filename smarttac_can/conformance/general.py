@@ -57,7 +57,7 @@ _has_restore = needs_object(RESTORE_DEFAULTS, 1)
 )
 def data_sheet(examiner: Examiner) -> None:
     """Data sheet."""
-    # How a name gives its unit is a convention of this package, not a rule for data sheets.
+    # The notation of units in names is a convention of this package, not a rule for data sheets.
     faults = [w for w in examiner.sheet.od.warnings if not w.endswith(UNIT_NOT_KNOWN)]
     for index in (DEVICE_TYPE, ERROR_REGISTER, IDENTITY):
         if index not in examiner.sheet.od.objects:
@@ -130,12 +130,12 @@ def store_signature(examiner: Examiner) -> None:
 
 
 def _command(examiner: Examiner, index: int, signature: bytes) -> None:
-    """Write a signature to store or restore, which may take longer than another answer.
+    """Write a signature to store or restore, which may take longer than other answers.
 
     Raises
     ------
     NotApplicable
-        If the device has nowhere to store.
+        The device has no storage.
     """
     timeout, examiner.timeout = examiner.timeout, _STORE_TIME_OUTS * examiner.timeout
     try:
@@ -176,7 +176,7 @@ def restore_signature(examiner: Examiner) -> None:
 
 
 def _values(examiner: Examiner) -> dict[tuple[int, int], bytes]:
-    """Read all that is writable, to put it back after the defaults were restored."""
+    """Read all writable entries, to write them back after the defaults were restored."""
     values = {}
     for entry in examiner.sheet.od:
         if entry.access == "rw" and entry.index not in COMMANDS:
@@ -240,7 +240,7 @@ def verify_configuration(examiner: Examiner) -> None:
 
 
 def _cob_ids(examiner: Examiner) -> Iterator[tuple[int, int]]:
-    """Yield index and sub-index of the writable COB-IDs that have a valid bit."""
+    """Yield index and sub-index of the writable COB-IDs with a valid bit."""
     sheet = examiner.sheet
     for pdo in sheet.usable(sheet.tpdos + sheet.rpdos):
         yield pdo.communication, PDO_COB_ID
@@ -301,9 +301,9 @@ _TELLING: Final = {1: "vendor-ID", 2: "product code"}
 
 
 def differences(examiner: Examiner) -> list[str]:
-    """Name what the device says of its make and its data sheet says otherwise; empty if nothing.
+    """Return how vendor-ID and product code differ from the data sheet; empty if they agree.
 
-    What the device does not tell or the sheet leaves open or at 0 is no difference.
+    Values that the device does not report, or that the sheet leaves open or at 0, agree.
     """
     od = examiner.sheet.od
     found = []

@@ -1,4 +1,4 @@
-"""NMT: what a device does in each state (STATE), and how it changes it (TRANS)."""
+"""NMT: behaviour of a device in each state (STATE), and its state changes (TRANS)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _NAMES: dict[int, str] = {state: state.name.replace("_", "-") for state in STATE
 
 
 def _watch(examiner: Examiner) -> None:
-    """Make the state visible by a heartbeat."""
+    """Enable the heartbeat, which shows the state."""
     set_period(examiner, _PERIOD_MS)
 
 
@@ -42,7 +42,7 @@ def _expect_state(examiner: Examiner, state: NMTState, when: str) -> None:
 
 
 def _sync_answered(examiner: Examiner) -> bool | None:
-    """Tell whether a TPDO of type 1 comes at SYNC; None if there is none to ask."""
+    """Return whether a TPDO of type 1 is sent at SYNC; None if there is no such TPDO."""
     sheet = examiner.sheet
     if not sheet.has(SYNC_COB_ID) or not sheet.usable(sheet.tpdos):
         return None
@@ -141,7 +141,7 @@ def addressee(examiner: Examiner) -> None:
 
 
 def _parameter(examiner: Examiner) -> Entry | None:
-    """Find a number of the application that takes other values; None if there is none."""
+    """Return a writable number of the application; None if there is none."""
     kinds = (DataType.UNSIGNED32, DataType.UNSIGNED16, DataType.INTEGER32, DataType.INTEGER16)
     return next(
         (
@@ -157,12 +157,12 @@ def _parameter(examiner: Examiner) -> Entry | None:
 def _reset_in_each_state(
     examiner: Examiner, reset: NMTCommand
 ) -> Iterator[tuple[Entry, bytes, bytes]]:
-    """Reset from each state; yield a parameter, its bytes before, and those written before it.
+    """Reset from each state; yield a parameter, its original bytes, and those written.
 
     Raises
     ------
     Failure
-        If the producer time is not that of the EDS after a reset.
+        The producer time differs from that of the EDS after a reset.
     """
     stated = examiner.sheet.od.number(HEARTBEAT_PRODUCER)
     for command in STATES:

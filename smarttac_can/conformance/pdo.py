@@ -1,4 +1,4 @@
-"""PDO: process data set up for a case, TPDOs, RPDOs, and their mapping."""
+"""PDO: configuration of PDOs for a case; TPDOs, RPDOs, and their mapping."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ from smarttac_can.od.cia import (
 from smarttac_can.od.data_types import SIZES, pack
 from smarttac_can.od.entry import Entry
 
-# Putting PDOs into the state a case needs, by the procedure of CiA 301, 7.5.2.36.
+# Configuration of PDOs for a case, by the procedure of CiA 301, 7.5.2.36.
 
 
 _OWN_EVENTS = 3
@@ -76,7 +76,7 @@ def rpdo(examiner: Examiner) -> Pdo:
     Raises
     ------
     NotApplicable
-        If there is none.
+        There is none.
     """
     for pdo in examiner.sheet.usable(examiner.sheet.rpdos):
         if any(entry.readable for entry in entries(examiner, pdo)):
@@ -85,25 +85,25 @@ def rpdo(examiner: Examiner) -> Pdo:
 
 
 def can_id(examiner: Examiner, pdo: Pdo) -> int:
-    """Return the CAN-ID that the data sheet gives a PDO."""
+    """Return the CAN-ID of a PDO in the data sheet."""
     return examiner.sheet.od.number(pdo.communication, PDO_COB_ID) & CAN_ID_MASK
 
 
 def entries(examiner: Examiner, pdo: Pdo) -> list[Entry]:
-    """Return the entries of the default mapping; dummies are left out."""
+    """Return the entries of the default mapping, without dummies."""
     found = (examiner.sheet.od.get(m >> 16, m >> 8 & 0xFF) for m in examiner.sheet.mapped(pdo))
     return [entry for entry in found if entry is not None]
 
 
 def disable(examiner: Examiner, pdo: Pdo) -> int:
-    """Set the invalid bit of a PDO; return its COB-ID on the device without that bit."""
+    """Set the invalid bit of a PDO; return its present COB-ID without that bit."""
     cob_id = number(examiner, pdo.communication, PDO_COB_ID)
     write_number(examiner, pdo.communication, PDO_COB_ID, cob_id | COB_INVALID)
     return cob_id & ~COB_INVALID | can_id(examiner, pdo)
 
 
 def enable(examiner: Examiner, pdo: Pdo, cob_id: int) -> None:
-    """Clear the invalid bit of a PDO, with this COB-ID."""
+    """Write a COB-ID of a PDO with the invalid bit cleared."""
     write_number(examiner, pdo.communication, PDO_COB_ID, cob_id & ~COB_INVALID)
 
 
@@ -122,7 +122,7 @@ def configure(
     Raises
     ------
     NotApplicable
-        The EDS has no such parameter, or the device does not take the value.
+        The EDS has no such parameter, or the device refuses the value.
     """
     cob_id = disable(examiner, pdo)
     wanted = {
@@ -152,13 +152,13 @@ def configure(
 
 
 def configure_rpdo(examiner: Examiner, pdo: Pdo, transmission: int) -> None:
-    """Configure an RPDO without a deadline, whose end may undo what it brought."""
+    """Configure an RPDO without a deadline, as its expiry could change the received values."""
     watched = examiner.sheet.writable(pdo.communication, PDO_EVENT)
     configure(examiner, pdo, transmission, event=0 if watched else None)
 
 
 def started(examiner: Examiner, transmission: int, **parameters: Any) -> Pdo:
-    """Configure the first TPDO, with parameters of `configure`, and start the device."""
+    """Configure the first TPDO with parameters of `configure`, and start the device."""
     pdo = tpdo(examiner)
     configure(examiner, pdo, transmission, **parameters)
     operational(examiner)
@@ -166,7 +166,7 @@ def started(examiner: Examiner, transmission: int, **parameters: Any) -> Pdo:
 
 
 def refuse_own_events(examiner: Examiner) -> None:
-    """Raise `NotApplicable` if the application makes a TPDO go all the time by its own events."""
+    """Raise `NotApplicable` if the application triggers a TPDO all the time."""
     timed = examiner.sheet.writable(tpdo(examiner).communication, PDO_EVENT)
     pdo = started(examiner, EVENT_MANUFACTURER, event=0 if timed else None)
     if len(examiner.collect(can_id(examiner, pdo))) > _OWN_EVENTS:
@@ -175,22 +175,22 @@ def refuse_own_events(examiner: Examiner) -> None:
 
 
 def operational(examiner: Examiner) -> None:
-    """Start the device and let the first event-driven TPDOs pass."""
+    """Start the device, and drop the first event-driven TPDOs."""
     examiner.enter(NMTCommand.START)
 
 
 def content(examiner: Examiner, mapped: Iterable[int]) -> bytes:
-    """Read by SDO what a PDO with these mapping entries would carry now."""
+    """Read by SDO the present content of a PDO with these mapping entries."""
     return b"".join(upload(examiner, m >> 16, m >> 8 & 0xFF)[: (m & 0xFF) // 8] for m in mapped)
 
 
 def changed(examiner: Examiner, pdo: Pdo) -> tuple[bytes, list[tuple[Entry, bytes]]]:
-    """Make the content of an RPDO with values other than the present ones.
+    """Return a content of an RPDO with values other than the present ones.
 
     Returns
     -------
     tuple
-        The content, and the bytes of each entry that can be read back.
+        Content, and the bytes of each entry that can be read back.
     """
     data = b""
     wanted = []
@@ -213,12 +213,12 @@ def changed(examiner: Examiner, pdo: Pdo) -> tuple[bytes, list[tuple[Entry, byte
 
 
 def reads(examiner: Examiner, wanted: list[tuple[Entry, bytes]]) -> bool:
-    """Tell whether all entries read as wanted."""
+    """Return whether all entries have the wanted values."""
     return all(upload(examiner, e.index, e.subindex) == part for e, part in wanted)
 
 
 def expect_values(examiner: Examiner, wanted: list[tuple[Entry, bytes]], when: str) -> None:
-    """Raise `Failure` unless all entries read as wanted."""
+    """Raise `Failure` unless all entries have the wanted values."""
     for entry, part in wanted:
         got = upload(examiner, entry.index, entry.subindex)
         if got != part:
@@ -229,16 +229,16 @@ def expect_values(examiner: Examiner, wanted: list[tuple[Entry, bytes]], when: s
 
 
 PERIOD_MS = 60
-"""Event timer and inhibit time that the cases set."""
+"""Event timer and inhibit time in ms that the cases set."""
 
 
 def _first_sync(examiner: Examiner, pdo: Pdo, most: int) -> int:
-    """Send SYNC until the TPDO comes, and return how many it took.
+    """Send SYNC until the TPDO is received; return the number of SYNCs.
 
     Raises
     ------
     Failure
-        If it has not come after the most allowed.
+        The TPDO is not received after ``most`` SYNCs.
     """
     for count in range(1, most + 1):
         examiner.sync()
@@ -363,12 +363,12 @@ def remote_not_allowed(examiner: Examiner) -> None:
 
 
 def _gap_ms(examiner: Examiner, pdo: Pdo) -> float:
-    """Return the mean time in ms between the TPDOs that come without a SYNC or a request.
+    """Return the mean time in ms between TPDOs without a SYNC or a request.
 
     Raises
     ------
     Failure
-        If fewer than 3 come in 8 periods.
+        Fewer than 3 are received in 8 periods.
     """
     came = examiner.collect(can_id(examiner, pdo), 1e-3 * PERIODS * PERIOD_MS)
     if len(came) < LEAST:
@@ -402,7 +402,7 @@ def inhibit_time(examiner: Examiner) -> None:
         raise Failure(f"TPDO every {mean:.0f} ms, inhibit time {PERIOD_MS} ms")
 
 
-# Parameters that are fixed while it is valid, its COB-ID, and NMT states.
+# Parameters that are fixed while the PDO is valid, COB-ID, and NMT states.
 
 
 def _fixed_while_valid(examiner: Examiner, subindex: int, value: int, name: str) -> None:
@@ -546,7 +546,7 @@ def tpdo_by_state(examiner: Examiner) -> None:
     examiner.silence(can_id(examiner, pdo), "TPDO in STOPPED")
 
 
-# RPDO: when its values are taken, its length and its deadline.
+# RPDO: time at which its values take effect, its length and its deadline.
 
 
 _DEADLINE_MS = 60
@@ -677,7 +677,7 @@ def _parameter(entry: Entry) -> int:
 
 
 def _mappable(examiner: Examiner) -> list[Entry]:
-    """Find the entries of whole bytes that a TPDO may carry, the longest first."""
+    """Return the entries of whole bytes that a TPDO can carry, the longest first."""
     found = (e for e in examiner.sheet.od if e.tpdo_mappable and e.size and e.readable)
     whole = (e for e in found if e.data_type != DataType.BOOLEAN and e.size <= FRAME_BYTES)
     return sorted(whole, key=lambda entry: -entry.size)

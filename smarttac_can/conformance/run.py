@@ -1,4 +1,4 @@
-"""All cases in their order; runs them, and shows what came out as text, JSON and Markdown."""
+"""All cases in their order: run them, and report the results as text, JSON and Markdown."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from smarttac_can.host.node import Node
 from smarttac_can.od.cia import Abort, AbortCode
 
 _STEP_US: Final = 1000
-"""Time that passes between two looks."""
+"""Time in us that passes between two checks for frames."""
 
 
 class DeviceTimeBus:
-    """The examiner's place on a local bus: who waits here lets the time of the device pass.
+    """The examiner's connection to a local bus; waiting here advances the time of the device.
 
     Parameters
     ----------
     node
-        Switched on at once; its boot-up message is the first frame.
+        Node to examine. It is powered on at once; its boot-up message is the first frame.
     """
 
     def __init__(self, node: Node) -> None:
@@ -44,7 +44,7 @@ class DeviceTimeBus:
         self._bus.attach(node, lockstep=False)
 
     def time(self) -> float:
-        """Return the time of the device in s; the clock for `Examiner`."""
+        """Return the device time in s, as the clock of `Examiner`."""
         return self._bus.time * 1e-6
 
     def send(self, frame: Frame) -> None:
@@ -52,8 +52,8 @@ class DeviceTimeBus:
         self._port.send(frame)
 
     def receive(self, timeout: float) -> Frame | None:
-        """Return the next frame, with time passing in ticks of 1 ms until it comes."""
-        end = self._bus.time + ceil(timeout * 1e6)  # up, so that every wait moves the time
+        """Return the next frame; advance time in steps of 1 ms until there is one."""
+        end = self._bus.time + ceil(timeout * 1e6)  # round up, so that every wait advances the time
         while not self._frames:
             left = end - self._bus.time
             if left <= 0:
@@ -80,7 +80,7 @@ GROUPS: Final = {
     "STATE": "NMT states",
     "TRANS": "NMT transitions",
 }
-"""What the first part of a case's number stands for."""
+"""Titles of the groups, by the first part of a case's number."""
 
 _MODULES = (sdo, pdo, dictionary, emcy, sync, error_control, general, nmt)
 _ORDER = list(GROUPS)
@@ -96,17 +96,17 @@ CASES: Final = tuple(
 def run_cases(
     examiner: Examiner, cases: Iterable[Case], on_result: Callable[[Result], None] | None = None
 ) -> list[Result]:
-    """Judge a device, which is reset before and after each case.
+    """Examine a device, which is reset before and after each case.
 
     Parameters
     ----------
     on_result
-        Called with each result as soon as it is known.
+        Function that is called with each result immediately.
 
     Raises
     ------
     BusError
-        If the bus carries no more frames.
+        The bus carries no more frames.
     """
     results = []
     for case in cases:
@@ -136,9 +136,9 @@ def _run(examiner: Examiner, case: Case) -> Result:
 
 
 def _reset(examiner: Examiner) -> None:
-    """Reset; a device that sends no boot-up is judged by the cases that ask for it.
+    """Reset the device. The cases that require a boot-up judge a device that sends none.
 
-    A transfer that a failed case left open is aborted: not every device drops it in a reset.
+    A transfer that a failed case left open is aborted, as not every device drops it in a reset.
     """
     examiner.sdo_send(b"\x80\0\0\0" + AbortCode.GENERAL.to_bytes(4, "little"))
     try:
@@ -156,19 +156,19 @@ _SHORT = {"pass": "pass", "fail": "FAIL", "not applicable": "n/a"}
 
 
 def line(result: Result) -> str:
-    """Return the line of text that shows the result of one case."""
+    """Return the line of text with the result of one case."""
     reason = f": {result.reason}" if result.reason else ""
     return f"{_SHORT[result.verdict]:4}  {result.case.number:8}  {result.case.title}{reason}"
 
 
 def summary(results: Sequence[Result]) -> str:
-    """Return the numbers of cases by verdict as text."""
+    """Return a text with the number of cases for each verdict."""
     counts = Counter(result.verdict for result in results)
     return ", ".join(f"{counts[verdict]} {verdict}" for verdict in _SHORT)
 
 
 def as_json(results: Sequence[Result], device: str) -> dict[str, Any]:
-    """Return the results as plain data for JSON."""
+    """Return the results as JSON values."""
     return {
         "device": device,
         "counts": Counter(result.verdict for result in results),
@@ -187,7 +187,7 @@ def as_json(results: Sequence[Result], device: str) -> dict[str, Any]:
 
 
 def markdown(results: Sequence[Result], device: str) -> str:
-    """Report with a line for each case, and the last frames of those that failed."""
+    """Return a report with a line for each case, and the last frames of failed cases."""
     return "\n".join(_markdown(results, device))
 
 

@@ -1,4 +1,4 @@
-"""SDO: expedited, segmented and block transfers, refusals and odd frames."""
+"""SDO: expedited, segmented and block transfers, refusals and invalid frames."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from smarttac_can.od.entry import Entry
 
 _EXPEDITED_4_BYTES = 0x43
 SERVER_TIME_OUT_S = 2.0
-"""Longest time after which an abandoned transfer must not be in the way any more."""
+"""Longest time in s until an abandoned transfer has ended."""
 
 
 def number_entry(examiner: Examiner) -> Entry:
-    """Find the first rw number of 4 bytes of the EDS that the device really has.
+    """Return the first rw number of 4 bytes in the EDS that the device has.
 
     Raises
     ------
     Failure
-        If it has none.
+        The device has none.
     """
     for entry in examiner.sheet.number_entries():
         try:
@@ -48,20 +48,20 @@ def _long(examiner: Examiner) -> Entry:
 
 
 def other_value(examiner: Examiner, entry: Entry) -> bytes:
-    """Return the bytes of a value next to the present one, within the limits."""
+    """Return the bytes of a value that differs by 1 from the present one, within the limits."""
     present = unpack(entry.data_type, upload(examiner, entry.index, entry.subindex))
     return pack(entry.data_type, present + 1 if present < entry.high else present - 1)
 
 
 def read_back(examiner: Examiner, entry: Entry, data: bytes) -> None:
-    """Raise `Failure` unless an entry reads as written."""
+    """Raise `Failure` unless an entry has the written value."""
     back = upload(examiner, entry.index, entry.subindex)
     if back != data:
         raise Failure(f"{entry.name}: {data.hex(' ')} written, {back.hex(' ')} read")
 
 
 def alive(examiner: Examiner) -> None:
-    """Raise `Failure` unless the server answers a plain upload."""
+    """Raise `Failure` unless the server answers a normal upload."""
     try:
         upload(examiner, DEVICE_TYPE)
     except (Abort, Failure) as error:
@@ -178,7 +178,7 @@ def download_toggle(examiner: Examiner) -> None:
 
 
 def other_value_of(data: bytes) -> bytes:
-    """Return bytes of the same length that differ from those given."""
+    """Return other bytes of the same length."""
     return bytes((data[0] ^ 1,)) + data[1:]
 
 
@@ -255,7 +255,7 @@ def transfer_time_out(examiner: Examiner) -> None:
     alive(examiner)
 
 
-# What a server must refuse, and frames that are no SDO.
+# Requests that a server must refuse, and frames that are no SDO.
 
 
 _LENGTH_CODES = (AbortCode.LENGTH, AbortCode.TOO_LONG, AbortCode.TOO_SHORT)
@@ -407,9 +407,9 @@ def abort_names_entry(examiner: Examiner) -> None:
         raise Failure(f"request {where.hex(' ')} aborted by {data.hex(' ')}")
 
 
-# Block transfer of an object of a few bytes, with and without CRC, and what must be refused.
+# Block transfer of an object of a few bytes, with and without CRC, and requests to be refused.
 #
-# Block transfer is optional: a server that answers the initiate request by 05040001h has none.
+# Block transfer is optional: a server without it answers the initiate request by 05040001h.
 
 
 _CRC = 0x04
@@ -438,7 +438,7 @@ def _initiate(examiner: Examiner, request: bytes) -> bytes:
 def _begin_upload(
     examiner: Examiner, entry: Entry, *, crc: bool, block_size: int = _MOST_SEGMENTS
 ) -> bool:
-    """Initiate a block upload; return whether the server makes a CRC."""
+    """Initiate a block upload; return whether the server computes a CRC."""
     where = address(entry.index, entry.subindex)
     response = _initiate(examiner, bytes((0xA0 | crc * _CRC,)) + where + bytes((block_size, 0)))
     if response[0] & 0xF9 != _UPLOAD or response[1:4] != where:
@@ -507,7 +507,7 @@ def _begin_download(examiner: Examiner, entry: Entry, size: int, *, crc: bool) -
 
 
 def _sub_block(examiner: Examiner, sequence: int, data: bytes) -> int:
-    """Send one last segment and return the number that the server acknowledges."""
+    """Send one last segment; return the number that the server acknowledges."""
     response = examiner.request(bytes((_LAST | sequence,)) + data)
     if response[0] != _SUB_BLOCK:
         raise Failure(f"sub-block answered by {response.hex(' ')}")

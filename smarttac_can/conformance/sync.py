@@ -93,7 +93,7 @@ def restricted_ids(examiner: Examiner) -> None:
 
 
 def free_counter(examiner: Examiner) -> None:
-    """Set the period to 0, without which the overflow value is fixed."""
+    """Set the period to 0, as the overflow value is fixed otherwise."""
     if examiner.sheet.writable(SYNC_PERIOD):
         write_number(examiner, SYNC_PERIOD, 0, 0)
 
@@ -107,7 +107,7 @@ def _produce(examiner: Examiner, period_ms: int = _PERIOD_MS) -> None:
 
 
 def _produced(examiner: Examiner, period_ms: int = _PERIOD_MS) -> list[Arrival]:
-    """Hear the SYNCs of 8 periods, and return them."""
+    """Receive the SYNCs of 8 periods, and return them."""
     return periodic(examiner, examiner.sync_id, "SYNC", "period", period_ms)
 
 

@@ -1,4 +1,4 @@
-"""A CiA 301 device that knows nothing of what it is used for: frames and time in, frames out."""
+"""A CiA 301 device, independent of its application: frames and time in, frames out."""
 
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame

@@ -1,4 +1,4 @@
-"""A CANopen device without input and output: frames and time go in, frames come out."""
+"""A CANopen device without input or output: it takes frames and time, and returns frames."""
 
 from __future__ import annotations
 
@@ -40,21 +40,21 @@ _NO_AUTOSTART: Final = 4
 
 
 class NMTSlave:
-    """Leads object dictionary, services and application through the NMT states.
+    """Step object dictionary, services and application through the NMT states.
 
     Parameters
     ----------
     od, application, autostart
         As for `Device`.
     listen
-        Called in each state that lasts, when the services live or rest as it asks.
+        Function that is called in each lasting state, after the services have entered it.
 
     Attributes
     ----------
     state
-        Present NMT state; INITIALISING before the power is on.
+        Present NMT state; INITIALISING before power-on.
     on_frame
-        Takes NMT frames.
+        Handler of NMT frames.
     """
 
     def __init__(
@@ -79,23 +79,23 @@ class NMTSlave:
         storage: ParameterStorage,
         heartbeat: HeartbeatProducer,
     ) -> None:
-        """Take the services, in the order in which they enter a state, and three that do more."""
+        """Set the services, in the order in which they enter a state, and three of them by name."""
         self._services = services
         self._lss = lss
         self._storage = storage
         self._heartbeat = heartbeat
 
     def power_on(self) -> None:
-        """Begin as at power-on, whatever was before."""
+        """Start as at power-on, whatever the state was."""
         self._off = True
         self.begin()
 
     def begin(self) -> None:
-        """Begin anew with the node-ID of LSS."""
+        """Restart with the node-ID of LSS, as after reset node."""
         self._initialise(NMTState.RESET_APPLICATION)
 
     def enter(self, state: NMTState) -> None:
-        """Enter a state that lasts."""
+        """Enter a lasting state."""
         self.state = state
         for service in self._services:
             service.enter(state)
@@ -140,23 +140,24 @@ class NMTSlave:
 
 
 GONE_AFTER_US: Final = 3_000_000
-"""Silence after which the other device counts as gone: three heartbeats of one a second."""
+"""Time in us without frames after which the other device counts as gone: three periods of 1 s."""
 
 
 class Collision(Service):
-    """Hears the identifiers that the device itself sends with; a bus gives no sender its own back.
+    """Detect another device that sends with identifiers of this device.
 
-    Remote frames do not count: they ask for a frame, and are anybody's.
+    A bus does not return a sender its own frames. Remote frames are ignored: they request a frame,
+    and any node may send them.
 
     Parameters
     ----------
     services
-        Gives those whose identifiers are heard.
+        Function that returns the services whose identifiers are supervised.
 
     Attributes
     ----------
     can_id
-        Identifier by which the other device was noticed, 0 while there is none.
+        Identifier with which the other device was detected, 0 without such a device.
     """
 
     states: ClassVar = ALL_STATES
@@ -175,12 +176,12 @@ class Collision(Service):
         self.can_id = 0
 
     def cease(self) -> None:
-        """Forget the other device: a reset begins anew."""
+        """Clear the detection, as in a reset."""
         self._timer.stop()
         self.can_id = 0
 
     def listen(self) -> None:
-        """Hear what is this device's alone."""
+        """Listen to the identifiers with which only this device may send."""
         for can_id in sorted({can_id for service in self._services() for can_id in service.sends}):
             self.port.listen(can_id, self._receive)
 
@@ -202,40 +203,41 @@ _REGISTERS = range(1 << 8)
 
 
 class Device:
-    """A CiA 301 device made of an object dictionary.
+    """A CiA 301 device, built from an object dictionary.
 
-    Which services it has follows from the objects in the EDS. It keeps no clock: time is what
-    `advance` says it is.
+    The objects in the EDS determine its services. It does not read a clock: `advance` moves its
+    time.
 
     Parameters
     ----------
     od
-        From `load_eds`; the device owns its values from now on.
+        Object dictionary from `load_eds`; the device owns its values from now on.
     application
-        Hooks; without one the device still communicates.
+        Application hooks; None for a device that only communicates.
     autostart
-        OPERATIONAL after power-on and reset node without waiting for a master. Bit 2 of object
-        1F80h does the same when it is there and clear.
+        Whether to enter OPERATIONAL after power-on and reset node without an NMT command. Bit 2 of
+        object 1F80h does the same if the object exists and the bit is 0.
     storage
-        Where parameters are stored; without it they are forgotten with the device.
+        Storage of the parameters; None to keep them only as long as the device exists.
     node_id
-        1..127 wins over a stored node-ID; 255 leaves it to the stored one, and the device waits for
-        LSS where there is none; None takes the stored one or else that of `od`.
+        Node-ID. 1..127 overrides a stored node-ID. 255 uses the stored one, and waits for LSS
+        without one. None uses the stored one, or else that of `od`.
     clock
-        Device time, where the application has timers of its own: those made before come first.
+        Device time, if the application has timers of its own; its timers fire before those made
+        later.
     loop_tpdos
-        Numbers of the TPDOs that somebody's control loop waits for.
+        Numbers of the TPDOs that belong to a control loop.
     loop_rpdos
         Numbers of the RPDOs that are passed to `Application.on_loop_rpdo` as bytes.
     emergencies_of
-        Node-ID, 1..127, whose emergency messages the application hears; 0 for none.
+        Node-ID, 1..127, whose emergency messages are passed to the application; 0 for none.
 
     Attributes
     ----------
     clock
-        Device time, and when the next timer expires.
+        Device time, and the time at which the next timer expires.
     ids
-        CAN-IDs that matter now, another object whenever they have changed.
+        CAN-IDs of the device; replaced by a new object when they change.
     sync
         Consumer or producer of SYNC.
     """
@@ -278,7 +280,7 @@ class Device:
         react = self._error_behaviour.react
         self._watches = HeartbeatConsumer(port, od, emergency, application, react)
         self._guarding = Guarding(port, od, emergency, application, react)
-        # Emergency comes first, so that what the others report on their way out is held there.
+        # Emergency is first: errors that the others report while they cease are then queued.
         self._services: tuple[Service, ...] = (
             emergency,
             self._storage,
@@ -301,7 +303,7 @@ class Device:
 
     @property
     def node_id(self) -> int:
-        """Node-ID, 1..127; 255 while it waits for one."""
+        """Node-ID, 1..127; 255 while the device has none."""
         return self._lss.node_id
 
     @property
@@ -311,32 +313,32 @@ class Device:
 
     @property
     def bit_rate(self) -> int | None:
-        """Bit rate in kbit/s that LSS has activated, None so far; the device cannot switch."""
+        """Bit rate in kbit/s that LSS has activated, None before; the host has to switch it."""
         return self._lss.bit_rate
 
     @property
     def storage_torn(self) -> bool:
-        """Whether what is stored was not understood, so that the defaults apply."""
+        """Whether the stored parameters were invalid, so that the defaults apply."""
         return self._storage.torn
 
     @property
     def collision(self) -> int:
-        """Identifier of its own that another device has sent with, 0 for none: see `Collision`."""
+        """Identifier of this device that another device has used, 0 for none; see `Collision`."""
         return self._collision.can_id
 
     @property
     def watched_in_time(self) -> frozenset[int]:
-        """Node-IDs of the watched nodes that are heard in time."""
+        """Node-IDs of the supervised nodes whose heartbeat is in time."""
         return self._watches.in_time
 
     @property
     def guarded(self) -> bool:
-        """Whether a master guards this node, and is missed if it does so no more."""
+        """Whether a master guards this node, so that a loss of the master would be detected."""
         return self._guarding.in_time
 
     @property
     def time(self) -> int | None:
-        """Time since 1984-01-01 in us, None before the first TIME."""
+        """Time since 1984-01-01 in us; None before the first TIME."""
         return self._time_stamp.microseconds
 
     def start(self) -> list[Frame]:
@@ -359,22 +361,22 @@ class Device:
         return port.take() if port.out else []
 
     def advance(self, microseconds: int) -> list[Frame]:
-        """Let time pass, 0 or more us; each timer fires at most once. Return the frames due."""
+        """Advance time by 0 or more us; each timer fires at most once. Return the frames due."""
         self.clock.advance(microseconds)
         port = self._port
         return port.take() if port.out else []
 
     def segments(self, most: int) -> list[Frame]:
-        """Return the next frames, at most so many, of transfers limited by the bus alone.
+        """Return up to ``most`` next frames of transfers that only the bus limits.
 
-        Empty when there is nothing to go on with. These are the segments of SDO block uploads: they
-        exist from the request for them on, and are gone when their transfer is. Who asks for none
-        lets the transfer time out.
+        Empty if there are none. These are the segments of SDO block uploads. They are available
+        from the request for them until the end of their transfer. If they are never requested, the
+        transfer times out.
         """
         return self._port.segments(most)
 
     def unasked(self) -> dict[int, Frame]:
-        """Return what timers would send now by CAN-ID: heartbeat, and TPDOs with an event timer."""
+        """Return the frames that timers would send now, by CAN-ID: heartbeat, and timed TPDOs."""
         frames = [
             self._heartbeat.unasked(),
             *[tpdo.unasked() for tpdo in self._pdos.tpdos.values()],
@@ -382,50 +384,50 @@ class Device:
         return {frame.can_id: frame for frame in frames if frame is not None}
 
     def take(self) -> list[Frame]:
-        """Return the frames that `trigger` and `emergency` caused outside of the hooks."""
+        """Return the frames that `trigger` and `emergency` have caused outside of the hooks."""
         return self._port.take()
 
     def carries(self, rpdo: int, entry: Entry) -> bool:
-        """Return whether an RPDO, from 1, is valid and has the entry in its mapping."""
+        """Return whether an RPDO, numbered from 1, is valid and has the entry in its mapping."""
         pdo = self._pdos.rpdos[rpdo]
         return pdo.valid and pdo.mapping is not None and entry in pdo.mapping.entries
 
     def in_time(self, rpdo: int) -> bool:
-        """Whether an RPDO, from 1, has a deadline, and has come within it."""
+        """Return whether an RPDO, numbered from 1, has a deadline and is within it."""
         return self._pdos.rpdos[rpdo].in_time
 
     def silence(self, ahead: int) -> float:
-        """Largest share of its time that a watched node, or a master that guards, is silent.
+        """Return the largest elapsed fraction of the time-outs of supervised nodes and guarding.
 
         Parameters
         ----------
         ahead
-            Time in us from now at which that is.
+            Time in us from now for which to compute it.
         """
         return self.clock.share((*self._watches.timers, self._guarding.timer), ahead)
 
     def lateness(self, rpdos: tuple[int, ...], ahead: int) -> float:
-        """Largest share of its deadline that passes for one of some RPDOs, as `silence`."""
+        """Return the largest elapsed fraction of the deadlines of some RPDOs, as `silence` does."""
         return self.clock.share([self._pdos.rpdos[number].deadline for number in rpdos], ahead)
 
     def put(self, entry: Entry, value: Any) -> None:
-        """Put a parameter in force that the application has chosen, without the checks of a write.
+        """Set a parameter that the application has chosen, without the checks of a write.
 
         Parameters
         ----------
         entry
-            Of the object dictionary of the device.
+            Entry of the object dictionary of the device.
         value
-            Raw value that the entry may have.
+            Raw value, which must be valid for the entry.
         """
         self._access.put(entry, value)
 
     def trigger(self, tpdo: int) -> None:
-        """Trigger a TPDO, from 1; see `TPDO` for what each type does then."""
+        """Trigger a TPDO, numbered from 1; `TPDO.trigger` describes the effect for each type."""
         self._pdos.tpdos[tpdo].trigger()
 
     def emergency(self, code: int, register: int, vendor: bytes = b"") -> None:
-        """Report an error of the application; one that is known already is not sent again.
+        """Report an error of the application, unless it is already reported.
 
         Parameters
         ----------
@@ -434,7 +436,7 @@ class Device:
         register
             Bits of the error register, 0..255; the generic bit is added.
         vendor
-            Up to 5 bytes; the first two also go into the error history.
+            Manufacturer-specific bytes, up to 5; the first two also go into the error history.
         """
         if code not in _CODES:
             raise ValueError(f"code {code} is outside 1..65535")
@@ -445,28 +447,28 @@ class Device:
         self._emergency.report(code, register, vendor)
 
     def clear_emergency(self, code: int) -> None:
-        """Take back an error of the application; nothing happens if it was not reported."""
+        """Clear an error of the application; an error that was not reported has no effect."""
         self._emergency.clear(code)
 
     def react(self, error_class: ErrorClass) -> list[Frame]:
-        """Follow an error of the application as the error behaviour object says."""
+        """React to an error of the application as the error behaviour object says."""
         self._error_behaviour.react(error_class)
         return self._port.take()
 
     def bus_off(self) -> list[Frame]:
-        """Record that the CAN controller went bus-off, a communication error."""
+        """Record that the CAN controller went bus-off, which is a communication error."""
         self._error_behaviour.react()
         return self._port.take()
 
     def bus_recovered(self) -> list[Frame]:
-        """Report, when the bus is there again, that it was not."""
+        """Report that the CAN controller has recovered from bus-off."""
         self._emergency.report(EmergencyCode.BUS_OFF_RECOVERED, ErrorRegister.COMMUNICATION)
         self._emergency.clear(EmergencyCode.BUS_OFF_RECOVERED)
         return self._port.take()
 
     def _listen(self) -> None:
-        # A host drops frames before the device has seen the command in front of them: it is told
-        # what any NMT state would hear. A device without node-ID has no other state.
+        # The host filters frames before the device sees an NMT command in front of them, so the
+        # filter covers all NMT states. A device without node-ID has no other state.
         waiting = self._nmt.state is NMTState.INITIALISING
         self._register([service for service in self._services if service.alive or not waiting])
         heard = frozenset(self._port.listeners)
@@ -478,7 +480,7 @@ class Device:
         self.ids = Identifiers(heard, frozenset(urgent), emcy, sent, sync)
 
     def _register(self, services: Iterable[Service]) -> None:
-        """Have NMT and these services, and nobody else, listen."""
+        """Register NMT and only these services as listeners."""
         self._port.listeners.clear()
         self._port.listen(NMT_ID, self._nmt.on_frame)
         for service in services:

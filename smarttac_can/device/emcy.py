@@ -29,11 +29,11 @@ from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 
 QUEUE_LENGTH: Final = 16
-"""Messages that wait for the inhibit time; beyond that the oldest is dropped."""
+"""Most messages that wait for the inhibit time; beyond it the oldest one is dropped."""
 
 
 class Emergency(Service):
-    """Errors are states: each is reported once when it comes and once, as 0000h, when it goes."""
+    """Report each error once when it comes, and once as 0000h when it goes."""
 
     states: ClassVar = CONFIGURABLE
 
@@ -51,18 +51,18 @@ class Emergency(Service):
         self._history = [entry for subindex, entry in sorted(members.items()) if subindex]
 
     def report(self, code: int, register: int, vendor: bytes = b"", source: int = 0) -> None:
-        """Report an error; nothing happens if it is known already.
+        """Report an error, unless it is already reported.
 
         Parameters
         ----------
         code
             Emergency error code.
         register
-            Bits of the error register it sets; the generic bit is always added.
+            Bits of the error register that the error sets; the generic bit is always added.
         vendor
             Up to 5 manufacturer-specific bytes; the first two also go into the history.
         source
-            Separates errors of one code, such as the RPDO number.
+            Number that distinguishes errors with the same code, such as the RPDO number.
         """
         if (code, source) in self._active:
             return
@@ -76,7 +76,7 @@ class Emergency(Service):
         self._enqueue(code, vendor)
 
     def clear(self, code: int, source: int = 0) -> None:
-        """Take an error back; 0000h goes out when the last error of the code is gone."""
+        """Clear an error; send 0000h when no error with this code is left."""
         if self._active.pop((code, source), None) is None:
             return
         if any(other == code for other, _ in self._active):
@@ -85,26 +85,26 @@ class Emergency(Service):
             self._enqueue(EmergencyCode.RESET, bytes(5))
 
     def check_read(self, entry: Entry) -> None:
-        """Refuse to read a place of the history that no error has used yet.
+        """Refuse to read an unused entry of the history.
 
         Raises
         ------
         Abort
-            NO_DATA for such a place.
+            NO_DATA for an unused entry.
         """
         used = self._history if self._count is None else self._history[: self._count.value]
         if entry in self._history and entry not in used:
             raise Abort(AbortCode.NO_DATA)
 
     def check(self, entry: Entry, value: Any) -> None:
-        """Refuse to write anything but 0 to the history, or another CAN-ID while EMCY is valid."""
+        """Refuse any value but 0 for the history, and another CAN-ID while EMCY is valid."""
         if entry.index == ERROR_FIELD and value != 0:
             raise Abort(AbortCode.VALUE)
         if entry.index == EMCY_COB_ID:
             check_cob_id(entry.value, value)
 
     def apply(self, entry: Entry) -> None:
-        """Clear the history, or take the new COB-ID or inhibit time; known errors stay."""
+        """Clear the history, or apply the new COB-ID or inhibit time; active errors stay."""
         if entry.index == ERROR_FIELD:
             for place in self._history:
                 place.value = 0
@@ -112,34 +112,34 @@ class Emergency(Service):
             self._read_parameters()
 
     def configure(self) -> None:
-        """Begin with no error reported, an empty queue, and the parameters read."""
+        """Clear all errors and the queue, and read the parameters."""
         self._active.clear()
         self._queue.clear()
         self._update_register()
         self._read_parameters()
 
     def enter(self, state: NMTState | None) -> None:
-        """Follow the device; out of STOPPED only the latest of the waiting messages is sent."""
+        """Enter a state; when STOPPED is left, only the latest waiting message is sent."""
         if not self.alive:
             del self._queue[:-1]
         super().enter(state)
 
     def begin(self) -> None:
-        """Send the messages that wait, as the inhibit time allows."""
+        """Send the waiting messages, at the rate of the inhibit time."""
         self._send_next()
 
     def cease(self) -> None:
-        """Keep the messages that wait until EMCY may be sent again."""
+        """Keep the waiting messages until EMCY may be sent again."""
         self._inhibit.stop()
 
     @property
     def can_id(self) -> int:
-        """Identifier of its messages."""
+        """CAN-ID of the emergency messages."""
         return self._cob_id & CAN_ID_MASK
 
     @property
     def sends(self) -> tuple[int, ...]:
-        """That of its messages, if they are on."""
+        """CAN-ID of the emergency messages, if they are enabled."""
         return () if self._cob_id & COB_INVALID else (self.can_id,)
 
     def _read_parameters(self) -> None:
@@ -174,12 +174,12 @@ class Emergency(Service):
 
 
 class EmergencyConsumer(Service):
-    """Hears the default EMCY identifier of a node.
+    """Receive the emergency messages of a node at its default EMCY identifier.
 
     Parameters
     ----------
     node_id
-        1..127, 0 for none.
+        Node-ID, 1..127; 0 for none.
     """
 
     states: ClassVar = CONFIGURABLE
@@ -214,12 +214,12 @@ _STOPPED: Final = 2
 
 
 class ErrorBehaviour(Service):
-    """Changes the NMT state after an error, as the object says.
+    """Change the NMT state after an error, as the error behaviour object says.
 
     Parameters
     ----------
     enter_state
-        Brings the device into another NMT state.
+        Function that brings the device into another NMT state.
     """
 
     states: ClassVar = ALL_STATES
@@ -232,7 +232,7 @@ class ErrorBehaviour(Service):
         self._state = NMTState.INITIALISING
 
     def check(self, entry: Entry, value: Any) -> None:
-        """Refuse a value that CiA 301 does not define: 0, 1 and 2 are."""
+        """Refuse a value other than 0, 1 and 2, which CiA 301 defines."""
         if entry.subindex and not _PRE_OPERATIONAL <= value <= _STOPPED:
             raise Abort(AbortCode.VALUE)
 
@@ -240,13 +240,13 @@ class ErrorBehaviour(Service):
         """Do nothing: the value is read at the next error."""
 
     def enter(self, state: NMTState | None) -> None:
-        """Remember the NMT state, from which an error may lead."""
+        """Record the NMT state, on which the reaction depends."""
         super().enter(state)
         if state is not None:
             self._state = state
 
     def react(self, error_class: ErrorClass = ErrorClass.COMMUNICATION) -> None:
-        """Follow an error; without the object only a communication error ends OPERATIONAL."""
+        """React to an error; without the object only a communication error ends OPERATIONAL."""
         absent = _PRE_OPERATIONAL if error_class is ErrorClass.COMMUNICATION else _NO_CHANGE
         behaviour = self.od.number(ERROR_BEHAVIOUR, error_class, absent)
         if behaviour == _PRE_OPERATIONAL and self._state is NMTState.OPERATIONAL:

@@ -30,7 +30,7 @@ _STATE: Final = 0x7F
 
 
 class HeartbeatProducer(Service):
-    """Sends the NMT state every producer time, and at once when that is written.
+    """Send the NMT state every producer time, and immediately when that time is written.
 
     After a reset the boot-up message counts as the first one.
     """
@@ -46,31 +46,31 @@ class HeartbeatProducer(Service):
 
     @property
     def sends(self) -> tuple[int, ...]:
-        """That of error control, node guarding included."""
+        """CAN-ID of error control, which node guarding also uses."""
         return (HEARTBEAT_ID + self.od.node_id,)
 
     def boot_up(self) -> None:
-        """Send the boot-up message, a heartbeat of the value 0."""
+        """Send the boot-up message, a heartbeat with the value 0."""
         self.port.out.append(Frame(HEARTBEAT_ID + self.od.node_id, BOOT_UP))
 
     def unasked(self) -> Frame | None:
-        """Return the heartbeat that is due next, as of now; None if there is none."""
+        """Return the next heartbeat with the present state; None without a producer time."""
         return self._made() if self._period else None
 
     def enter(self, state: NMTState | None) -> None:
-        """Remember the NMT state, which the next heartbeat carries."""
+        """Record the NMT state, which the next heartbeat carries."""
         if state is not None:
             self._state = state
         super().enter(state)
 
     def apply(self, entry: Entry) -> None:
-        """Begin anew with the producer time that was written, by a heartbeat at once."""
+        """Restart with the written producer time, and send a heartbeat immediately."""
         super().apply(entry)
         if self._period:
             self._send()
 
     def configure(self) -> None:
-        """Read the producer time in ms; 0 is no heartbeat."""
+        """Read the producer time in ms; 0 disables the heartbeat."""
         self._period = 1000 * self.od.number(HEARTBEAT_PRODUCER)
 
     def begin(self) -> None:
@@ -79,7 +79,7 @@ class HeartbeatProducer(Service):
             self._timer.start(self._period, periodic=True)
 
     def cease(self) -> None:
-        """Send no heartbeat any more."""
+        """Stop the heartbeat."""
         self._timer.stop()
 
     def _send(self) -> None:
@@ -90,12 +90,12 @@ class HeartbeatProducer(Service):
 
 
 class Monitor:
-    """Watch over one other node, from its first heartbeat on.
+    """Supervision of one other node, from its first heartbeat on.
 
     Attributes
     ----------
     timer
-        Runs from one heartbeat to the next.
+        Timer that runs from one heartbeat to the next.
     """
 
     def __init__(
@@ -108,7 +108,7 @@ class Monitor:
 
     @property
     def node_id(self) -> int:
-        """Node watched, 0 or above 127 for none."""
+        """Node-ID of the supervised node; 0 or above 127 for none."""
         return self.parameter >> 16 & 0xFF
 
     @property
@@ -118,15 +118,15 @@ class Monitor:
 
     @property
     def in_time(self) -> bool:
-        """Whether the node was heard, and not longer ago than it may be."""
+        """Whether a heartbeat was received within the consumer time."""
         return self.timer.running
 
     def stop(self) -> None:
-        """Stop the watch; it begins again with the next heartbeat of the node."""
+        """Stop the supervision; it restarts with the next heartbeat of the node."""
         self.timer.stop()
 
     def follow(self, parameter: int) -> None:
-        """Watch the same node with another consumer time, which counts from its last heartbeat."""
+        """Set another consumer time for the same node, which counts from its last heartbeat."""
         self.parameter = parameter
         self.timer.follow(self.period)
 
@@ -141,12 +141,12 @@ class Monitor:
 
 
 class HeartbeatConsumer(Service):
-    """Reports EMCY 8130h when a watched node falls silent, and takes it back when it returns.
+    """Report EMCY 8130h when a supervised node is silent, and clear it when the node returns.
 
     Attributes
     ----------
     timers
-        Those of the nodes that may be watched.
+        Timers of the entries of the heartbeat consumer.
     """
 
     states: ClassVar = ALL_STATES
@@ -171,16 +171,16 @@ class HeartbeatConsumer(Service):
 
     @property
     def in_time(self) -> frozenset[int]:
-        """Watched nodes that were heard, and not longer ago than they may be."""
+        """Supervised nodes whose heartbeat was received within the consumer time."""
         return frozenset(m.node_id for m in self._monitors.values() if m.in_time)
 
     def check(self, entry: Entry, value: Any) -> None:
-        """Refuse reserved bits, and a second watch of the same node.
+        """Refuse reserved bits, and a second entry for the same node.
 
         Raises
         ------
         Abort
-            VALUE for a reserved bit, PARAMETER for a node that another entry watches.
+            VALUE for a reserved bit, PARAMETER for a node that another entry supervises.
         """
         if value >> 24:
             raise Abort(AbortCode.VALUE)
@@ -194,7 +194,7 @@ class HeartbeatConsumer(Service):
             raise Abort(AbortCode.PARAMETER)
 
     def apply(self, entry: Entry) -> None:
-        """Take over one watch; it goes on if the node is the same, and so do the others."""
+        """Apply one entry. Its supervision continues for the same node, and so do all others."""
         monitor = self._monitors[entry.subindex]
         value = entry.value
         if value & 0xFFFF and value >> 16 & 0xFF == monitor.node_id:
@@ -205,18 +205,18 @@ class HeartbeatConsumer(Service):
         monitor.parameter = value
 
     def configure(self) -> None:
-        """Read which nodes to watch; none counts as lost yet."""
+        """Read which nodes to supervise; none counts as lost."""
         self._absent.clear()
         for subindex, monitor in self._monitors.items():
             monitor.parameter = self.od.entry(HEARTBEAT_CONSUMER, subindex).value
 
     def cease(self) -> None:
-        """Stop all watches; each begins again with the next heartbeat of its node."""
+        """Stop all supervision; each restarts with the next heartbeat of its node."""
         for monitor in self._monitors.values():
             monitor.stop()
 
     def listen(self) -> None:
-        """Listen to the heartbeats of the watched nodes."""
+        """Listen to the heartbeats of the supervised nodes."""
         for monitor in self._monitors.values():
             if monitor.period and 1 <= monitor.node_id <= LAST_NODE_ID:
                 self.port.listen(HEARTBEAT_ID + monitor.node_id, monitor.receive)
@@ -244,15 +244,15 @@ _TOGGLE = 0x80
 
 
 class Guarding(Service):
-    """Answers the master's remote frames with the NMT state, and misses them.
+    """Answer the master's remote frames with the NMT state, and detect when they stop.
 
-    The first remote frame starts the life guarding. Once none came for the life time, EMCY 8130h
-    goes out; the next remote frame takes it back.
+    The first remote frame starts life guarding. EMCY 8130h is sent if none is received for the life
+    time; the next remote frame clears it.
 
     Attributes
     ----------
     timer
-        Runs from one remote frame to the next.
+        Timer that runs from one remote frame to the next.
     """
 
     states: ClassVar = ALL_STATES
@@ -278,7 +278,7 @@ class Guarding(Service):
 
     @property
     def in_time(self) -> bool:
-        """Whether the master's remote frames come, and are missed if they do not."""
+        """Whether life guarding is active and the last remote frame was in time."""
         return self.timer.running
 
     def configure(self) -> None:
@@ -290,13 +290,13 @@ class Guarding(Service):
         self._toggle = 0
 
     def enter(self, state: NMTState | None) -> None:
-        """Remember the NMT state, which the next answer carries."""
+        """Record the NMT state, which the next answer carries."""
         if state is not None:
             self._state = state
         super().enter(state)
 
     def apply(self, entry: Entry) -> None:
-        """Take new parameters; another life time counts from the last remote frame that came."""
+        """Apply new parameters; another life time counts from the last remote frame."""
         self.configure()
         if self.timer.running and self._active and self._life_time:
             self.timer.follow(self._life_time)
@@ -304,17 +304,17 @@ class Guarding(Service):
             super().apply(entry)
 
     def cease(self) -> None:
-        """Wait for a first remote frame again."""
+        """Stop life guarding, and wait for a first remote frame."""
         self.timer.stop()
         self._found()
 
     def listen(self) -> None:
-        """Listen to remote frames that ask for the NMT state, unless the heartbeat is on."""
+        """Listen to remote frames that request the NMT state, unless the heartbeat is enabled."""
         if self._active:
             self.port.listen(HEARTBEAT_ID + self.od.node_id, self.receive)
 
     def receive(self, frame: Frame) -> None:
-        """Answer a remote frame with state and toggle bit, and begin the life time anew."""
+        """Answer a remote frame with state and toggle bit, and restart the life time."""
         if not frame.rtr:
             return
         self.port.out.append(Frame(frame.can_id, bytes((self._toggle | self._state,))))

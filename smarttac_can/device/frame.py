@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class Frame(NamedTuple):
-    """One classical CAN frame: the only thing a device takes in and gives out."""
+    """One classical CAN frame, the only input and output of a device."""
 
     can_id: int
     """Identifier, 0..0x7FF."""

@@ -1,4 +1,4 @@
-"""Layer setting services, slave side (CiA 305): node-ID and bit timing without knowing either."""
+"""Layer setting services, slave side (CiA 305): set node-ID and bit timing of an unknown device."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ INQUIRE_NODE_ID: Final = 0x5E
 _OUT_OF_RANGE: Final = 1
 _STORAGE_FAILED: Final = 2
 _FASTSCAN_START: Final = 0x80
-# Of the identity: four numbers of 32 bits.
+# The identity has four numbers of 32 bits.
 _LAST_BIT: Final = 31
 _LAST_PART: Final = 3
 # Index into the identity and comparison, for the six parts of identify remote slave.
@@ -51,17 +51,17 @@ _LIMITS: Final = ((0, 0), (1, 0), (2, 1), (2, -1), (3, 1), (3, -1))
 
 
 class LSS(Service):
-    """Configured by a master that knows the identity, or finds it by fastscan.
+    """LSS slave. The master selects it by its identity, or finds it by fastscan.
 
-    A new node-ID takes effect at the next NMT reset; a device that had none starts as soon as the
-    master switches all slaves back to waiting.
+    A new node-ID takes effect at the next NMT reset. A device without node-ID starts as soon as the
+    master switches all slaves back to the waiting state.
 
     Parameters
     ----------
     storage
-        Where the node-ID and the bit timing are stored.
+        Storage of the node-ID and the bit timing.
     on_configured
-        Called when a device without node-ID has got one.
+        Function that is called when a device without node-ID has received one.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class LSS(Service):
     pending
         Node-ID after the next reset.
     bit_rate
-        Bit rate in kbit/s that the master has activated, None so far: it is for the host to switch.
+        Bit rate in kbit/s that the master has activated; None before. The host has to switch it.
     """
 
     states: ClassVar = frozenset(
@@ -103,22 +103,22 @@ class LSS(Service):
         self._scanned = 0
 
     def load(self, node_id: int) -> None:
-        """Start with a node-ID, 255 for none, and the stored bit timing."""
+        """Set the node-ID after the next reset, 255 for none, and load the stored bit timing."""
         self.pending = node_id
         self._bit_timing = self._storage.bit_timing
 
     def cease(self) -> None:
-        """Return to the state waiting: no device is selected for configuration."""
+        """Return to the waiting state: the device is not selected for configuration."""
         self._configuring = False
         self._selected = self._identified = self._scanned = 0
 
     def listen(self) -> None:
-        """Listen to the LSS master, if the EDS says that the device supports LSS."""
+        """Listen to the LSS master, if the EDS states that the device supports LSS."""
         if self.supported:
             self.port.listen(LSS_MASTER_ID, self.receive)
 
     def receive(self, frame: Frame) -> None:
-        """Take a command; unknown ones have no answer."""
+        """Take a command; an unknown command is not answered."""
         data = frame.data
         if len(data) != FRAME_BYTES or frame.rtr:
             return
@@ -174,7 +174,7 @@ class LSS(Service):
             self._on_configured()
 
     def _select(self, part: int, number: int) -> None:
-        """Take one number of a selection; all four in the right order select the device.
+        """Take one number of a selection; all four in order select the device.
 
         The order is vendor, product, revision and serial number.
         """
@@ -188,7 +188,7 @@ class LSS(Service):
                 self._answer(SWITCHED)
 
     def _identify(self, part: int, number: int) -> None:
-        """Take one number of an inquiry; the device answers after the last if all fit.
+        """Take one number of an identification; answer after the last one if all match.
 
         The order is vendor, product, lowest and highest revision, lowest and highest serial number.
         """
@@ -204,7 +204,7 @@ class LSS(Service):
                 self._answer(IDENTIFIED)
 
     def _fastscan(self, number: int, bit: int, part: int, following: int) -> None:
-        """Answer if this part of the identity equals ``number`` in the bits from ``bit`` up."""
+        """Answer if this part of the identity equals ``number`` from ``bit`` upwards."""
         if self._configuring or not self.node_id == self.pending == UNCONFIGURED:
             return
         if bit == _FASTSCAN_START:

@@ -1,4 +1,4 @@
-"""PDO mapping: what a PDO carries, and the procedure to change it (CiA 301, 7.5.2.36 and .38)."""
+"""PDO mapping: the content of a PDO, and the procedure to change it (CiA 301, 7.5.2.36 and .38)."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ PDO_BITS: Final = 64
 
 
 class Direction(Enum):
-    """Seen from the device."""
+    """Direction of a PDO, seen from the device."""
 
     RECEIVE = "RPDO"
     TRANSMIT = "TPDO"
 
 
 class Bounded(NamedTuple):
-    """A mapped entry with limits that values from the bus may break."""
+    """A mapped entry with limits narrower than its type."""
 
     position: int
     entry: Entry
@@ -52,15 +52,15 @@ class Mapping:
     Attributes
     ----------
     size
-        Bytes.
+        Size of the PDO in bytes.
     entries
-        Mapped entries without dummies.
+        Mapped entries, without dummies.
     bounded
-        Those of them whose limits are narrower than their type.
+        Mapped entries whose limits are narrower than their type.
     readers
-        What reads them; none where all hold their values.
+        Functions that read the entries; empty if no entry is computed.
     pack, unpack
-        Of the `struct` format; odd fields pass as bytes.
+        Functions of the `struct` format; odd fields are bytes in it.
     """
 
     size: int
@@ -72,7 +72,7 @@ class Mapping:
     unpack: Callable[[bytes], tuple[Any, ...]]
 
     def sample(self) -> bytes:
-        """Return the bytes of a PDO, from the present values."""
+        """Return the bytes of a PDO with the present values."""
         if self.readers:
             values = [read() for read in self.readers]
         else:
@@ -82,7 +82,7 @@ class Mapping:
         return self.pack(*values)
 
     def read(self, data: bytes) -> tuple[Any, ...]:
-        """Return the values in the bytes of a PDO; nothing changes."""
+        """Return the values in the bytes of a PDO, without changing entries."""
         values = self.unpack(data)
         if self.odd:
             whole = list(values)
@@ -92,7 +92,7 @@ class Mapping:
         return values
 
     def broken(self, data: bytes) -> Entry | None:
-        """Return the entry whose limits the bytes of a PDO break, None if they break none."""
+        """Return the entry whose limits a value in a PDO exceeds, None if all are within them."""
         values = self.read(data)
         for position, entry, low, high in self.bounded:
             if not low <= values[position] <= high:
@@ -100,18 +100,18 @@ class Mapping:
         return None
 
     def write(self, data: bytes) -> None:
-        """Set the entries to what the bytes of a PDO say, which break no limits."""
+        """Set the entries to the values in a PDO, which must be within the limits."""
         for entry, value in zip(self.entries, self.read(data), strict=True):
             entry.value = value
 
 
 def mapped_entry(od: ObjectDictionary, value: int, direction: Direction) -> Entry | None:
-    """Find the entry that a mapping parameter names; None for a dummy.
+    """Return the entry that a mapping parameter names; None for a dummy.
 
     Raises
     ------
     Abort
-        NO_OBJECT, NO_SUBINDEX, or NOT_MAPPABLE for the wrong direction, for a length that is not
+        NO_OBJECT, NO_SUBINDEX, or NOT_MAPPABLE for the wrong direction, for a length other than
         that of the entry, and for entries that are not whole bytes (granularity 8).
     """
     index, subindex, bits = value >> 16, value >> 8 & 0xFF, value & 0xFF
@@ -134,12 +134,12 @@ def compile_mapping(
     Parameters
     ----------
     count
-        Number of mapped objects instead of that in sub-index 0.
+        Number of mapped objects; None for the number in sub-index 0.
 
     Raises
     ------
     Abort
-        As `mapped_entry`, or PDO_LENGTH for more than 64 bits or more objects than sub-indices.
+        As for `mapped_entry`; PDO_LENGTH for more than 64 bits or more objects than sub-indices.
     """
     count = od.number(index) if count is None else count
     parameters = [od.get(index, subindex) for subindex in range(1, count + 1)]
@@ -159,7 +159,7 @@ def compile_mapping(
             continue
         position = len(entries)
         entries.append(entry)
-        # NaN breaks the limits of a real type, however wide they are.
+        # NaN is outside the limits of a real type, however wide they are.
         if entry.data_type in REAL or (
             entry.data_type not in TIME and (entry.low, entry.high) != bounds(entry.data_type)
         ):
@@ -188,15 +188,15 @@ def check_mapping(
 ) -> None:
     """Enforce the procedure for writing a mapping record.
 
-    The PDO is disabled, the number of objects set to 0, objects entered, their number set, the PDO
-    enabled. A number of objects that changes nothing is let through, and so is an object where the
-    number is 0, for masters that write back what they read.
+    Disable the PDO, set the number of objects to 0, write the objects, set their number, enable the
+    PDO. For masters that write back what they have read, an unchanged number of objects is
+    accepted, and so is an unchanged object while the number is 0.
 
     Raises
     ------
     Abort
-        ACCESS for an object while their number is not 0, also the one that is there; STATE
-        while the PDO is valid; else as `compile_mapping`.
+        ACCESS for an object while the number is not 0, even if unchanged; STATE while the PDO is
+        valid; else as for `compile_mapping`.
     """
     if entry.subindex and od.number(entry.index):
         raise Abort(AbortCode.ACCESS)

@@ -11,10 +11,10 @@ from smarttac_can.od.cia import NMTCommand
 
 
 class NMTState(IntEnum):
-    """NMT states; one that lasts has the number that the heartbeat carries for it.
+    """NMT states; the number of a lasting state is that in the heartbeat.
 
-    STOPPED, OPERATIONAL and PRE_OPERATIONAL last. INITIALISING is the 0 of the boot-up message; the
-    two resets are passed through, and no frame carries their numbers.
+    STOPPED, OPERATIONAL and PRE_OPERATIONAL last. INITIALISING is the 0 of the boot-up message. The
+    two resets are transient, and no frame carries their numbers.
     """
 
     INITIALISING = 0x00
@@ -34,7 +34,7 @@ COMMANDS: Final[dict[int, NMTState]] = {
     NMTCommand.RESET_COMMUNICATION: NMTState.RESET_COMMUNICATION,
 }
 
-# In which states a service lives (CiA 301, table 38).
+# NMT states in which a service is active (CiA 301, table 38).
 ALL_STATES: Final = frozenset(
     {NMTState.STOPPED, NMTState.OPERATIONAL, NMTState.PRE_OPERATIONAL},
 )
@@ -45,7 +45,7 @@ OPERATIONAL_ONLY: Final = frozenset({NMTState.OPERATIONAL})
 def commands_to(
     own: Callable[[], int], request: Callable[[NMTState], None]
 ) -> Callable[[Frame], None]:
-    """Make the handler of NMT frames: it requests the state asked of this node or of all."""
+    """Return a handler of NMT frames, which requests the state commanded to this node or to all."""
 
     def receive(frame: Frame) -> None:
         data = frame.data

@@ -45,9 +45,9 @@ class PDO(Service):
     Attributes
     ----------
     number
-        From 1.
+        Number, from 1.
     valid
-        Whether it is enabled and its mapping can be resolved.
+        Whether the PDO is enabled and its mapping is valid.
     transmission
         Transmission type.
     """
@@ -55,10 +55,10 @@ class PDO(Service):
     states: ClassVar = OPERATIONAL_ONLY
     direction: ClassVar[Direction]
     first_event_type: ClassVar[int]
-    """Transmission types between the last cyclic one and this are reserved."""
+    """Lowest event-driven type; the types between the last cyclic one and this one are reserved."""
 
     records: ClassVar[tuple[int, int]]
-    """Communication and mapping record of the first one."""
+    """Communication and mapping record of PDO 1."""
 
     def __init__(self, port: Port, od: ObjectDictionary, number: int) -> None:
         communication, mapping = self.records
@@ -73,14 +73,14 @@ class PDO(Service):
 
     @classmethod
     def numbers(cls, od: ObjectDictionary) -> list[int]:
-        """Return the numbers of those that the EDS has."""
+        """Return the numbers of the PDOs in the EDS."""
         return [
             number + 1 for number in range(PDO_COUNT)
             if all(first + number in od.objects for first in cls.records)
         ]  # fmt: skip
 
     def check(self, entry: Entry, value: Any) -> None:
-        """Refuse what the standard forbids while the PDO is valid, and reserved values."""
+        """Refuse reserved values, and changes that the standard forbids while the PDO is valid."""
         mapping = self.objects[1]
         if entry.index == mapping:
             check_mapping(self.od, entry, value, self.direction, valid=self.valid)
@@ -97,7 +97,7 @@ class PDO(Service):
             raise Abort(AbortCode.STATE)
 
     def configure(self) -> None:
-        """Read both records; a PDO whose mapping cannot be resolved becomes invalid."""
+        """Read both records; a PDO with an invalid mapping becomes invalid."""
         communication, mapping = self.objects
         cob_id = self.od.entry(communication, PDO_COB_ID)
         try:
@@ -115,23 +115,23 @@ class PDO(Service):
 class RPDO(PDO):
     """One receive PDO.
 
-    A PDO with any value outside the limits of its entry is ignored as a whole and reported as
-    8200h (protocol error) with the PDO number, the index and the sub-index. A frame too short is
-    ignored and reported as 8210h, of one too long the first bytes are used and 8220h is reported.
-    Each error is taken back by the next PDO without it. A synchronous PDO that comes after the SYNC
-    window has closed is dropped. A deadline is kept by values that are in force, not by frames:
-    those of a synchronous PDO are at SYNC.
+    A PDO with a value outside the limits of its entry is ignored as a whole, and 8200h (protocol
+    error) is reported with the PDO number, the index and the sub-index. A frame that is too short
+    is ignored and reported as 8210h. Of a frame that is too long the first bytes are used, and
+    8220h is reported. The next PDO without an error clears it. A synchronous PDO that arrives after
+    the SYNC window has closed is dropped. The deadline restarts when values take effect, not when a
+    frame arrives: for a synchronous PDO this is at SYNC.
 
     Parameters
     ----------
     as_bytes
-        Whether the application takes the bytes, by `on_loop_rpdo`; else their values are put into
-        the object dictionary, and `on_rpdo` is called.
+        Whether the application takes the bytes in `on_loop_rpdo`. Otherwise the values are written
+        to the object dictionary, and `on_rpdo` is called.
 
     Attributes
     ----------
     deadline
-        Runs from one PDO to the next.
+        Timer that runs from one PDO to the next.
     """
 
     direction: ClassVar = Direction.RECEIVE
@@ -161,30 +161,30 @@ class RPDO(PDO):
 
     @property
     def synchronous(self) -> bool:
-        """Whether it waits for SYNC."""
+        """Whether the PDO takes effect at SYNC."""
         return self.alive and self.valid and self.transmission <= CYCLIC_LAST
 
     @property
     def in_time(self) -> bool:
-        """Whether it has a deadline, and is within it."""
+        """Whether the PDO has a deadline and is within it."""
         return self.deadline.running
 
     def apply(self, entry: Entry) -> None:
-        """Take the new parameters; a deadline that was missed stays missed."""
+        """Apply new parameters; a missed deadline stays missed."""
         self._drop()
         self.configure()
         if not (self.alive and self.valid and self.event_time):
             self._end_deadline()
 
     def configure(self) -> None:
-        """Read both records; another deadline counts from the last PDO, or is for the next."""
+        """Read both records; a changed deadline counts from the last PDO, or from the next."""
         super().configure()
-        # From now on, whoever shortens it step by step would do the work of a PDO.
+        # Without a new start, as shortening it step by step would otherwise replace a PDO.
         self.deadline.follow(self.event_time)
         self.deadline.delay = self.event_time
 
     def cease(self) -> None:
-        """Drop the values that wait for SYNC, and end the deadline; a missed one counts as over."""
+        """Drop the values that wait for SYNC, and end the deadline; a missed one is cleared."""
         self._drop()
         self._end_deadline()
 
@@ -198,12 +198,12 @@ class RPDO(PDO):
             self._settle(code)
 
     def listen(self) -> None:
-        """Listen to the PDO's CAN-ID, if it is valid and carries something."""
+        """Listen to the CAN-ID of the PDO, if it is valid and has content."""
         if self.valid and self.mapping is not None and self.mapping.size:
             self.port.listen(self.can_id, self.receive)
 
     def receive(self, frame: Frame) -> None:
-        """Check length and limits of a received PDO; put it in force now or at the next SYNC."""
+        """Check length and limits of a received PDO; apply it now or at the next SYNC."""
         mapping = self.mapping
         if frame.rtr or mapping is None:
             return
@@ -227,7 +227,7 @@ class RPDO(PDO):
             self._latch = data
 
     def _judge_length(self, length: int, size: int) -> None:
-        """Report a wrong length, and take back what the frame before was reported for."""
+        """Report a wrong length, and clear the length errors that no longer apply."""
         lengths = bytes((length, size))
         if length >= size:
             self._settle(EmergencyCode.PDO_LENGTH)
@@ -239,7 +239,7 @@ class RPDO(PDO):
             self._report(EmergencyCode.PDO_LENGTH_EXCEEDED, lengths)
 
     def on_sync(self) -> None:
-        """Put what was latched in force."""
+        """Apply the values that wait for SYNC."""
         data, self._latch = self._latch, None
         if data is not None:
             self._deliver(data)
@@ -292,8 +292,8 @@ def _where(entry: Entry) -> bytes:
 class TPDO(PDO):
     """One transmit PDO.
 
-    Type 254 goes out at every trigger, type 255 at a trigger that finds changed data; both also
-    when the event timer elapses. Type 0 waits after a trigger for the next SYNC.
+    Type 254 is sent at every trigger, type 255 at a trigger with changed data; both are also sent
+    when the event timer elapses. After a trigger, type 0 is sent at the next SYNC.
     """
 
     direction: ClassVar = Direction.TRANSMIT
@@ -315,28 +315,28 @@ class TPDO(PDO):
 
     @property
     def synchronous(self) -> bool:
-        """Whether it has something to do at a SYNC."""
+        """Whether the PDO is sent or sampled at SYNC."""
         return self._sends and (self.transmission <= CYCLIC_LAST or self.transmission == RTR_SYNC)
 
     @property
     def sends(self) -> tuple[int, ...]:
-        """Its own, while it is valid."""
+        """CAN-ID of the PDO, while it is valid."""
         return (self.can_id,) if self.valid else ()
 
     def unasked(self) -> Frame | None:
-        """Return what the event timer would send now; None if there is none."""
+        """Return the frame that the event timer would send now; None without one."""
         timed = self._sends and self.event_time and self.transmission >= EVENT_MANUFACTURER
         return Frame(self.can_id, self._sample()) if timed else None
 
     def configure(self) -> None:
-        """Read inhibit time, SYNC start value, and what every PDO has."""
+        """Read both records, the inhibit time and the SYNC start value."""
         super().configure()
         communication, _ = self.objects
         self._inhibit_time = 100 * self.od.number(communication, PDO_INHIBIT)
         self._start_value = self.od.number(communication, PDO_SYNC_START)
 
     def begin(self) -> None:
-        """Start counting SYNCs and time; nothing goes out by itself yet."""
+        """Start the event timer and the count of SYNCs, without sending yet."""
         self._sends = self.valid and self.mapping is not None and self.mapping.size > 0
         self._awaits_start = self._start_value != 0
         self._count = 0
@@ -344,22 +344,22 @@ class TPDO(PDO):
             self._event.start(self.event_time, periodic=True)
 
     def cease(self) -> None:
-        """Send nothing any more, and forget events that wait."""
+        """Stop sending, and clear pending events."""
         self._sends = self._pending = False
         self._last = self._sampled = None
         self._event.stop()
         self._inhibit.stop()
 
     def listen(self) -> None:
-        """Listen to remote frames, where the COB-ID allows them."""
+        """Listen to remote frames, if the COB-ID allows them."""
         if self._sends and not self.cob_id & COB_NO_RTR:
             self.port.listen(self.can_id, self._on_remote)
 
     def trigger(self) -> None:
-        """Take an event of the application: at once, at the next SYNC, or never, by the type.
+        """Take an event of the application, and send the PDO according to its type.
 
-        Types 254 and 255 send at once, or after the inhibit time; type 255 only if the data are
-        new. Type 0 sends at the next SYNC. Types 1..240, 252 and 253 have no events.
+        Types 254 and 255 are sent immediately, or after the inhibit time; type 255 only if the data
+        have changed. Type 0 is sent at the next SYNC. Types 1..240, 252 and 253 ignore events.
         """
         if not self._sends or self.mapping is None:
             return
@@ -378,12 +378,12 @@ class TPDO(PDO):
             self._event.restart()
 
     def on_sync(self, counter: int) -> None:
-        """Sample and send if it is this PDO's turn.
+        """Sample the PDO, and send it if it is due at this SYNC.
 
         Parameters
         ----------
         counter
-            Of the SYNC, 0 where SYNC carries none; then the start value is not looked at.
+            Counter of the SYNC; 0 if it carries none, the start value is then ignored.
         """
         transmission = self.transmission
         if transmission == ACYCLIC:
@@ -433,7 +433,7 @@ class TPDO(PDO):
 
 
 class ProcessData:
-    """The PDOs of a device, and SYNC, which puts RPDOs in force and samples TPDOs.
+    """The PDOs of a device, and SYNC, at which RPDOs take effect and TPDOs are sampled.
 
     Parameters
     ----------
@@ -445,7 +445,7 @@ class ProcessData:
     sync
         Consumer or producer of SYNC.
     rpdos, tpdos
-        Those that the EDS has, by number.
+        PDOs in the EDS, by number.
     """
 
     def __init__(
@@ -477,7 +477,7 @@ class ProcessData:
         return [tpdo.can_id for tpdo in self._loop if tpdo.valid]
 
     def follow_parameters(self) -> None:
-        """Find anew which PDOs have something to do at SYNC."""
+        """Update which PDOs act at SYNC."""
         self._latching = [rpdo for rpdo in self.rpdos.values() if rpdo.synchronous]
         self._sampling = [tpdo for tpdo in self.tpdos.values() if tpdo.synchronous]
 

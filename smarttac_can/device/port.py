@@ -1,4 +1,4 @@
-"""What all services of a device share: frames out, listeners by identifier, device time."""
+"""Shared parts of all services of a device: frames to send, listeners by CAN-ID, device time."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class Timer:
     delay
         Time in us from a start to the first expiry.
     due
-        Device time in us at which it expires; `NEVER` while stopped.
+        Device time in us of the next expiry; `NEVER` while stopped.
     missed
-        Whole periods that were lost before the last expiry.
+        Number of whole periods that were missed before the last expiry.
     """
 
     __slots__ = ("_clock", "_expire", "_period", "_slip", "_spacing", "delay", "due", "missed")
@@ -35,13 +35,13 @@ class Timer:
         self.missed = 0
 
     def start(self, delay: int, *, periodic: bool = False, spacing: int = 0) -> None:
-        """Expire after a delay in us, 0 or more, and again every delay, above 0, if periodic.
+        """Expire after a delay in us, 0 or more; if periodic, again after each delay, above 0.
 
         Parameters
         ----------
         spacing
-            Least time in us between two expiries, up to the delay, 0 for any: rather than follow a
-            late one sooner, those after it shift.
+            Least time in us between two expiries, up to the delay; 0 for no limit. After a late
+            expiry the next ones shift if needed.
         """
         self.delay = delay
         self._period = delay if periodic else 0
@@ -50,20 +50,20 @@ class Timer:
         self.restart()
 
     def restart(self) -> None:
-        """Start with `delay`, and periodic if it was so before."""
+        """Start with `delay`, periodic if the timer was so before."""
         clock = self._clock
         self.due = due = clock.now + self.delay
         clock.next_due = due if due < clock.next_due else clock.next_due
 
     def follow(self, delay: int) -> None:
-        """Move the one expiry of a running timer to another delay in us after its start."""
+        """Change the delay in us of a running one-shot timer, counted from its start."""
         if self.running:
             self.due += delay - self.delay
             self.delay = delay
             self._clock.next_due = min(self.due, self._clock.next_due)
 
     def stop(self) -> None:
-        """Stop the timer: it does not expire."""
+        """Stop the timer."""
         self.due = NEVER
 
     @property
@@ -72,7 +72,7 @@ class Timer:
         return self.due != NEVER
 
     def fire(self) -> None:
-        """Set the next expiry, then act: what it does may start or stop it again."""
+        """Set the next expiry, then call the function, which may start or stop the timer again."""
         period = self._period
         if not period:
             self.due = NEVER
@@ -80,7 +80,7 @@ class Timer:
             now = self._clock.now
             late = now - self.due
             if not self._spacing or late <= period - self._spacing:
-                # Expiries that were slept through are dropped, the phase is kept.
+                # Expiries that were missed are dropped; the phase is kept.
                 self.missed = late // period
                 self.due += period * (1 + self.missed)
             else:
@@ -95,10 +95,10 @@ class Clock:
     Attributes
     ----------
     now
-        Microseconds since power-on. Whoever moves it on has `advance` called when `next_due` is
-        reached: what is heard in between is heard at that time.
+        Time in us since power-on. `advance` must be called when `next_due` is reached, so that
+        frames received in between are processed at that time.
     next_due
-        No timer expires before this.
+        Device time in us before which no timer expires.
     """
 
     __slots__ = ("_timers", "next_due", "now")
@@ -109,20 +109,20 @@ class Clock:
         self._timers: list[Timer] = []
 
     def timer(self, expire: Callable[[], None]) -> Timer:
-        """Add a timer, stopped."""
+        """Add a timer that is stopped."""
         timer = Timer(self, expire)
         self._timers.append(timer)
         return timer
 
     def share(self, timers: Sequence[Timer], ahead: int) -> float:
-        """Return the largest share of its delay that passes for one of some timers.
+        """Return the largest elapsed fraction of the delays of some timers.
 
         Parameters
         ----------
         timers
-            Those that are stopped count as 0.0, those without a delay as 1.0.
+            Timers. A stopped one counts as 0.0, one without a delay as 1.0.
         ahead
-            Time in us from now at which that is.
+            Time in us from now for which to compute it.
         """
         then = self.now + ahead
         largest = 0.0
@@ -134,38 +134,38 @@ class Clock:
         return largest
 
     def advance(self, microseconds: int) -> None:
-        """Let 0 or more us pass; every timer expires at most once, in order of expiry."""
+        """Advance time by 0 or more us; every timer expires at most once, in order of expiry."""
         self.now = now = self.now + microseconds
         if now < self.next_due:
             return
         timers = self._timers
-        # What was due first may have been stopped or started anew since.
+        # The first timer may have been stopped or restarted since.
         self.next_due = next_due = min([timer.due for timer in timers], default=NEVER)
         if now < next_due:
             return
         expired = [timer for timer in timers if timer.due <= now]
         expired.sort(key=lambda timer: timer.due)
         for timer in expired:
-            if timer.due <= now:  # not stopped or restarted by one before
+            if timer.due <= now:  # a timer before it may have stopped or restarted it
                 timer.fire()
         self.next_due = min([timer.due for timer in timers])
 
 
 class Identifiers(NamedTuple):
-    """CAN-IDs that matter to whoever connects a device to a bus."""
+    """CAN-IDs that a host needs to connect a device to a bus."""
 
     heard: frozenset[int] = frozenset()
-    """Of frames that it listens to in one NMT state or another; those of another identifier may be
-    dropped before they get here, and the device ignores what its present state does not serve."""
+    """CAN-IDs to which the device listens in any NMT state. Frames with other CAN-IDs may be
+    filtered out; the device itself ignores those that its present state does not serve."""
     urgent: frozenset[int] = frozenset()
-    """Of its frames that go before others and are of no use late: SYNC, EMCY, error control, and
-    the TPDOs that somebody's control loop waits for."""
+    """CAN-IDs of its frames that have priority, and are useless if late: SYNC, EMCY, error control,
+    and the TPDOs of a control loop."""
     emcy: int = 0
-    """Of its emergency messages, which are of use however late."""
+    """CAN-ID of its emergency messages, which stay useful however late."""
     sent: frozenset[int] = frozenset()
-    """Those that are its own: no other device may send with them."""
+    """CAN-IDs with which only this device may send."""
     sync: int = SYNC_ID
-    """Of SYNC."""
+    """CAN-ID of SYNC."""
 
 
 class Port:
@@ -178,7 +178,7 @@ class Port:
     out
         Frames to send, in order of cause.
     listeners
-        Handlers by identifier.
+        Handlers by CAN-ID.
     """
 
     __slots__ = ("_streams", "clock", "listeners", "out")
@@ -194,7 +194,7 @@ class Port:
         self.listeners.setdefault(can_id, []).append(handler)
 
     def take(self) -> list[Frame]:
-        """Return the frames to send, and forget them."""
+        """Return the frames to send, and clear them."""
         out = self.out
         if not out:
             return []
@@ -202,12 +202,12 @@ class Port:
         return out
 
     def stream(self, source: Callable[[], Frame | None]) -> None:
-        """Ask a source for frames as fast as the bus takes them, until it gives None."""
+        """Take frames from a source as fast as the bus accepts them, until it returns None."""
         if source not in self._streams:
             self._streams.append(source)
 
     def segments(self, most: int) -> list[Frame]:
-        """Take the next frames of the sources, at most so many; the sources take turns."""
+        """Return up to ``most`` next frames of the sources, which take turns."""
         frames: list[Frame] = []
         streams = self._streams
         while streams and len(frames) < most:

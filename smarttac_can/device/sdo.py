@@ -28,12 +28,12 @@ SEGMENT = 7
 
 
 class Download:
-    """Data on its way into an entry.
+    """Data of a segmented download into an entry.
 
     Parameters
     ----------
     size
-        Bytes announced by the client, None if it announced nothing.
+        Number of bytes announced by the client; None if it announced none.
     """
 
     def __init__(self, entry: Entry, size: int | None) -> None:
@@ -43,12 +43,12 @@ class Download:
         self._toggle = 0
 
     def segment(self, request: bytes) -> tuple[bytes, bool]:
-        """Take a segment; return the response and whether it was the last.
+        """Take a segment; return the response and whether it was the last segment.
 
         Raises
         ------
         Abort
-            TOGGLE, TOO_LONG, TOO_SHORT.
+            TOGGLE, TOO_LONG or TOO_SHORT.
         """
         command = request[0]
         if command & 0x10 != self._toggle:
@@ -66,7 +66,7 @@ class Download:
 
 
 class Upload:
-    """Data on its way to the client: a snapshot of the entry when the transfer began."""
+    """Data of a segmented upload: the value of the entry when the transfer began."""
 
     def __init__(self, data: bytes) -> None:
         self._data = data
@@ -74,7 +74,7 @@ class Upload:
         self._toggle = 0
 
     def segment(self, request: bytes) -> tuple[bytes, bool]:
-        """Return the response with the next segment, and whether it was the last.
+        """Return the response with the next segment, and whether it was the last segment.
 
         Raises
         ------
@@ -94,36 +94,37 @@ class Upload:
 _LAST: Final = 0x80
 _SEQUENCE: Final = 0x7F
 
-# Command specifiers of a client; a request of a block transfer begins it if its low bits are 0.
+# Command specifiers of a client. A block transfer request initiates a transfer if its low bits are
+# 0.
 _SEGMENTS: Final = (0, 3)
 _BLOCK_UPLOAD: Final = 5
 _BLOCK_DOWNLOAD: Final = 6
 
 
-# Frames that a client sent before it heard that the server had ended the transfer. The server must
-# not answer them, as the client would take a second answer for that to its next request. And a
-# segment of a block download that is taken for a request could write anything.
+# Frames that a client sent before it received the end of the transfer must not be answered, as the
+# client would take the answer for that to its next request. Also, a segment of a block download
+# that is interpreted as a request could write any object.
 
 
 class LateSegments:
-    """Segments of a block download that may come although the server has answered.
+    """Segments of a block download that may arrive although the server has answered.
 
-    A client that stops among them may begin anew with a command that equals the next number. It is
-    then not heard, but is when it repeats the request.
+    If a client stops among them, its next command may equal the number of the next segment. The
+    command is then ignored; the repeated request is processed.
 
     Parameters
     ----------
     number
-        Of the next segment, 1..127; 0 if none is under way.
+        Number of the next segment, 1..127; 0 without one.
     aborted
-        Whether the transfer is over: a sub-block that the client begins is late as well.
+        Whether the transfer was aborted: a new sub-block of the client is then late, too.
 
     Attributes
     ----------
     part
-        Of the time-out, as a divisor, within which the next one comes.
+        Divisor of the time-out within which the next segment has to arrive.
     follows
-        Number of the next one after those that came; 0 if none came, or no more will.
+        Number of the next segment after those received; 0 if none was received or expected.
     """
 
     part: Final = 1
@@ -134,7 +135,7 @@ class LateSegments:
         self._aborted = aborted
 
     def include(self, command: int) -> bool:
-        """Return whether a frame is the next of them; after one that is not, none is."""
+        """Return whether a frame is the next late segment; after another frame none is late."""
         number = command & _SEQUENCE
         late = number > 0 and (number == self._number or (self._aborted and number == 1))
         self.follows = (number + 1) & _SEQUENCE if late and not command & _LAST else 0
@@ -143,14 +144,14 @@ class LateSegments:
 
 
 class LateRequest:
-    """The one request that a client of any other transfer may have sent before the abort.
+    """One request of any other transfer that the client may have sent before it received the abort.
 
-    A client that sends a second one has not looked at the abort, and gets it again.
+    A client that sends a second one has ignored the abort, and receives it again.
 
     Attributes
     ----------
     part
-        Of the time-out, as a divisor, within which it comes.
+        Divisor of the time-out within which the request has to arrive.
     """
 
     part: Final = 10
@@ -159,7 +160,7 @@ class LateRequest:
         self._came = False
 
     def include(self, command: int) -> bool:
-        """Return whether a frame is that request: it goes on with a transfer, as the first."""
+        """Return whether a frame is this request: the first frame, and it continues a transfer."""
         specifier = command >> 5
         goes_on = (
             specifier in _SEGMENTS
@@ -172,28 +173,28 @@ class LateRequest:
 
 
 BLOCK_SIZE: Final = 127
-"""Most segments in a sub-block, and what the server asks for."""
+"""Most segments in a sub-block; the server requests this number."""
 
 MOST_UNHEARD: Final = 16
-"""Sub-blocks of an upload in a row, of which a client may have got nothing."""
+"""Sub-blocks of an upload in a row of which a client may confirm nothing."""
 
 
 class BlockDownload:
-    """Data on its way into an entry.
+    """Data of a block download into an entry.
 
     Parameters
     ----------
     size
-        Bytes announced by the client, None if it announced nothing.
+        Number of bytes announced by the client; None if it announced none.
     crc
-        Whether the client sends a checksum.
+        Whether the client sends a CRC.
 
     Attributes
     ----------
     receiving
-        Whether the next frame is a segment; else the client has yet to end the transfer.
+        Whether the next frame is a segment; otherwise the client still has to end the transfer.
     data
-        What came in order.
+        Bytes received in order.
     """
 
     def __init__(self, entry: Entry, size: int | None, *, crc: bool) -> None:
@@ -212,19 +213,19 @@ class BlockDownload:
 
     @property
     def interrupted(self) -> bool:
-        """Whether a sub-block has begun and not ended."""
+        """Whether a sub-block is incomplete."""
         return self._heard > 0
 
     def rest(self) -> LateSegments:
-        """Return the segments that may still come after the transfer is aborted."""
+        """Return the segments that may still arrive after the transfer is aborted."""
         return LateSegments(self._late.follows or self._heard + 1, aborted=True)
 
     def segment(self, request: bytes) -> bytes | None:
         """Take a segment; return the confirmation at the end of a sub-block.
 
-        After a gap the rest of the sub-block is dropped: the client sends it again. An error is
-        told at the end of the sub-block, because what the client still sends of it would
-        otherwise be taken for requests.
+        After a gap the rest of the sub-block is dropped, and the client repeats it. An error is
+        reported only at the end of the sub-block; the remaining segments would otherwise be
+        interpreted as requests.
 
         Raises
         ------
@@ -252,9 +253,9 @@ class BlockDownload:
         return None
 
     def confirm_early(self) -> bytes:
-        """Confirm what came in order of a sub-block whose last segment is perhaps lost.
+        """Confirm the segments received in order of a sub-block whose last segment may be lost.
 
-        If it is not, but late, the rest of the sub-block has no confirmation of its own.
+        If that segment is only late, the rest of the sub-block is not confirmed separately.
         """
         self._late = LateSegments(self._heard + 1)
         self._heard = 0
@@ -263,17 +264,17 @@ class BlockDownload:
     def _confirm(self) -> bytes:
         response = bytes((0xA2, self._sequence, BLOCK_SIZE)) + bytes(5)
         self._sequence = 0
-        # How much of the last segment is data is only known at the end.
+        # How many bytes of the last segment are data is known only at the end.
         self._sum_up(len(self.data) - SEGMENT)
         return response
 
     def end(self, request: bytes) -> bytes:
-        """Check the whole; return the response.
+        """Check the complete data; return the response.
 
         Raises
         ------
         Abort
-            TOO_LONG, TOO_SHORT, CRC.
+            TOO_LONG, TOO_SHORT or CRC.
         """
         del self.data[len(self.data) - (request[0] >> 2 & 7) :]
         if len(self.data) > self._limit:
@@ -292,19 +293,19 @@ class BlockDownload:
 
 
 class BlockUpload:
-    """Data on its way to the client: a snapshot of the entry when the transfer began.
+    """Data of a block upload: the value of the entry when the transfer began.
 
     Parameters
     ----------
     block_size
-        Segments in a sub-block as the client asks for.
+        Segments in a sub-block that the client requests.
     crc
-        Whether the client wants a checksum.
+        Whether the client requests a CRC.
 
     Attributes
     ----------
     ended
-        Whether the client has all, and only its last word is missing.
+        Whether the client has received all data, and only its last confirmation is missing.
     """
 
     def __init__(self, data: bytes, block_size: int, *, crc: bool) -> None:
@@ -319,19 +320,19 @@ class BlockUpload:
         self._block_size = _checked(block_size)
 
     def start(self) -> None:
-        """Begin the first sub-block.
+        """Start the first sub-block.
 
         Raises
         ------
         Abort
-            COMMAND if it was begun before.
+            COMMAND if it was started before.
         """
         if self._count:
             raise Abort(AbortCode.COMMAND)
         self._begin()
 
     def segment(self) -> bytes | None:
-        """Cut the next segment of the sub-block, None if there are no more."""
+        """Return the next segment of the sub-block, None if there are no more."""
         if self._sent == self._count:
             return None
         begin = self._position + SEGMENT * self._sent
@@ -341,15 +342,16 @@ class BlockUpload:
         return bytes((command,)) + self._data[begin:end].ljust(SEGMENT, b"\0")
 
     def confirm(self, request: bytes) -> bytes | None:
-        """Begin the next sub-block, with the first segment that was lost, or return the end.
+        """Start the next sub-block, with the first lost segment; or return the end of the transfer.
 
-        What was not yet sent of the last one is dropped.
+        Segments of the last sub-block that were not sent are dropped.
 
         Raises
         ------
         Abort
-            SEQUENCE if more is confirmed than was sent, BLOCK_SIZE, COMMAND if nothing is to be
-            confirmed, TIME_OUT if nothing of `MOST_UNHEARD` sub-blocks was.
+            SEQUENCE if more segments are confirmed than were sent, BLOCK_SIZE, COMMAND if no
+            confirmation is expected, TIME_OUT if nothing of `MOST_UNHEARD` sub-blocks was
+            confirmed.
         """
         if not self._count or self.ended:
             raise Abort(AbortCode.COMMAND)
@@ -371,12 +373,12 @@ class BlockUpload:
         return bytes((0xC1 | unused << 2,)) + self._crc.to_bytes(2, "little") + bytes(5)
 
     def end(self) -> None:
-        """Take the client's confirmation that it has the whole.
+        """Take the client's confirmation of the end.
 
         Raises
         ------
         Abort
-            COMMAND if it comes before the end was announced.
+            COMMAND if the end was not announced before.
         """
         if not self.ended:
             raise Abort(AbortCode.COMMAND)
@@ -394,9 +396,10 @@ def _checked(block_size: int) -> int:
 
 
 TIME_OUT: Final = 1_000_000
-"""Device time in us after which a client that does not go on is aborted, where no object says."""
+"""Time in us without a request after which a transfer is aborted, unless the object sets
+another."""
 TIME_OUT_NAME: Final = "SDO server time-out"
-"""Name of the manufacturer object with its value in ms."""
+"""Name of the manufacturer object that holds the time-out in ms."""
 
 _ABORT: Final = 0x80
 # Steps of a block upload, as the client's sub-command.
@@ -407,7 +410,7 @@ _NO_TRANSFER: Final = bytes(3)
 
 
 class SDOServer(Service):
-    """One server, with one transfer at a time; a new one takes the place of an abandoned one."""
+    """One SDO server with one transfer at a time; a new transfer replaces an abandoned one."""
 
     states: ClassVar = CONFIGURABLE
 
@@ -433,12 +436,12 @@ class SDOServer(Service):
         )
 
     def check(self, entry: Entry, value: Any) -> None:
-        """Refuse another CAN-ID while the one in force is valid."""
+        """Refuse another CAN-ID while the present one is valid."""
         if entry.subindex in (1, 2):
             check_cob_id(entry.value, value)
 
     def apply(self, entry: Entry) -> None:
-        """Take a new CAN-ID; a server switched off drops its transfer."""
+        """Apply a new CAN-ID; a disabled server drops its transfer."""
         self.configure()
         if not self._valid:
             self._end()
@@ -458,20 +461,20 @@ class SDOServer(Service):
 
     @property
     def sends(self) -> tuple[int, ...]:
-        """That of its responses, if it is on."""
+        """CAN-ID of the responses, if the server is enabled."""
         return (self._tx & CAN_ID_MASK,) if self._valid else ()
 
     def cease(self) -> None:
-        """Drop the transfer that is under way, without an abort."""
+        """Drop the present transfer, without an abort."""
         self._end()
 
     def listen(self) -> None:
-        """Listen to the client, if the server is valid."""
+        """Listen to the client, if the server is enabled."""
         if self._valid:
             self.port.listen(self._rx & CAN_ID_MASK, self.receive)
 
     def receive(self, frame: Frame) -> None:
-        """Take a request; frames that are not 8 bytes long are no SDO."""
+        """Take a request; frames of other than 8 bytes are no SDO."""
         data = frame.data
         if len(data) != FRAME_BYTES or frame.rtr:
             return
@@ -489,16 +492,18 @@ class SDOServer(Service):
         except Abort as abort:
             response = self._abort(abort.code, self._rest())
         if response is not None:
-            # The write may have moved the server; the client still waits at the old CAN-ID.
+            # The write may have changed the CAN-ID of the server; the client still listens to the
+            # old one.
             self._send(response, tx)
 
     def segment(self) -> Frame | None:
-        """Cut the next segment of a block upload, None if there is none to send now."""
+        """Return the next segment of a block upload, None if there is none to send now."""
         transfer = self._transfer
         data = transfer.segment() if isinstance(transfer, BlockUpload) else None
         if data is None:
             return None
-        # The client cannot answer before it has the last segment, however slow the bus is.
+        # Restart the time-out: the client cannot answer before the last segment, however slow the
+        # bus is.
         self._wait()
         return Frame(self._tx & CAN_ID_MASK, data)
 
@@ -564,7 +569,7 @@ class SDOServer(Service):
 
     def _block_segment(self, transfer: BlockDownload, request: bytes) -> bytes | None:
         response = transfer.segment(request)
-        # A sub-block whose last segment is lost is confirmed half-way to the time-out.
+        # If the last segment of a sub-block is lost, confirm half-way to the time-out.
         self._wait(2 if response is None else 1)
         return response
 
@@ -600,7 +605,7 @@ class SDOServer(Service):
         return b"\xc6" + request[1:4] + len(data).to_bytes(4, "little")
 
     def _drop(self, _: bytes) -> None:
-        """Take the client's abort, which has no answer."""
+        """Take the client's abort, which is not answered."""
         self._end()
 
     def _unknown(self, _: bytes) -> None:
@@ -613,7 +618,7 @@ class SDOServer(Service):
             self._wait()
 
     def _wait(self, part: int = 1) -> None:
-        """Give the client the time-out, or a part of it, to go on."""
+        """Start the time-out of the client, or a fraction of it."""
         entry = self._time_out
         time_out = TIME_OUT if entry is None else 1000 * max(1, entry.value)
         self._timer.start(time_out // part)
@@ -652,7 +657,8 @@ class SDOServer(Service):
         elif transfer is None:
             self._end()
         elif isinstance(transfer, BlockUpload) and transfer.ended:
-            # The client waits for nothing: it would take an abort for its next answer.
+            # The client waits for no answer, and would take an abort for the answer to its next
+            # request.
             self._end(LateRequest())
         else:
             late = self._rest() or LateRequest()

@@ -1,4 +1,4 @@
-"""What the services of CiA 301 have in common: NMT states, objects, who hears of it."""
+"""Common base of the services of CiA 301: NMT states, objects, and application hooks."""
 
 from __future__ import annotations
 
@@ -21,80 +21,82 @@ from smarttac_can.od.entry import MAX_BYTES, Entry
 
 
 class Application:
-    """Hooks, all of which do nothing until overridden.
+    """Application hooks. Each one does nothing unless overridden.
 
-    They run inside `Device.start`, `receive` and `advance`; what the application triggers in them
-    goes out with the frames that call returns.
+    They are called from `Device.start`, `receive` and `advance`. Frames that the application
+    triggers in them are returned by that call.
     """
 
     def on_state(self, state: NMTState) -> None:
         """Follow the NMT state.
 
         RESET_APPLICATION comes with all objects at their defaults, RESET_COMMUNICATION with those
-        of the communication profile area, before the services read them: the place to put
-        in other values, whose PDO and other parameters then are in force from the boot-up on.
+        of the communication profile area, in both cases before the services read them. Values that
+        the application sets here, such as PDO parameters, are therefore in force from the boot-up
+        on.
         """
 
     def on_sync(self) -> bool:
         """Act at SYNC, in PRE-OPERATIONAL and OPERATIONAL; return whether to sample TPDOs.
 
-        The values of synchronous RPDOs are in force by then. On False the synchronous TPDOs miss
-        this SYNC.
+        The values of synchronous RPDOs are already in force. If it returns False, the synchronous
+        TPDOs skip this SYNC.
         """
         return True
 
     def on_rpdo(self, number: int) -> None:
-        """Act on an RPDO, from 1, whose values are in the object dictionary."""
+        """Act on an RPDO, numbered from 1, whose values are in the object dictionary."""
 
     def on_loop_rpdo(self, number: int, data: bytes) -> None:
-        """Act on the bytes of an RPDO, from 1, that is in `loop_rpdos` of the device.
+        """Act on the bytes of an RPDO, numbered from 1, that is in `loop_rpdos` of the device.
 
-        Length and limits have been checked. It is called instead of `on_rpdo`, and the application
-        itself writes the object dictionary.
+        Length and limits were checked. It is called instead of `on_rpdo`; the application itself
+        writes the object dictionary.
         """
 
     def on_rpdo_timeout(self, number: int, late: bool) -> None:
-        """Act on an RPDO, from 1, that is late, or is not late any more.
+        """Act on an RPDO, numbered from 1, that becomes late, or is no longer late.
 
-        It is late from its deadline on, until it comes (then before `on_rpdo`) or is no longer
-        waited for.
+        It is late from its deadline until the next PDO (the call then precedes `on_rpdo`), or until
+        it is no longer expected.
         """
 
     def on_error_control(self, node_id: int, lost: bool) -> None:
-        """Act on the heartbeat of a watched node that is lost, or heard again.
+        """Act on the loss or the return of a supervised node's heartbeat.
 
-        It comes before what the error behaviour object asks for. Node-ID 0 is life guarding.
+        It is called before the reaction of the error behaviour object. Node-ID 0 is life guarding.
         """
 
     def on_heartbeat(self, node_id: int, state: int) -> None:
-        """Act on a heartbeat of a watched node with its NMT state, INITIALISING at its boot-up.
+        """Act on a heartbeat of a supervised node with its NMT state, INITIALISING at its boot-up.
 
-        It comes after `on_error_control`.
+        It is called after `on_error_control`.
         """
 
     def on_collision(self, heard: bool) -> None:
-        """Act on another device that sends with an identifier of this one, or does no more.
+        """Act on another device that starts or stops sending with an identifier of this one.
 
-        It comes once for all the frames of such devices, until there is none for 3 s; nor does it
-        come when a reset forgets them.
+        It is called once for all frames of such devices, until there was none for 3 s. It is not
+        called when a reset clears the detection.
         """
 
     def on_store(self) -> None:
-        """Refuse, by raising `Abort`, to store parameters now: it may take a while."""
+        """Raise `Abort` to refuse to store parameters now; storing may take a while."""
 
     def on_emergency(self, code: int) -> None:
-        """Act on an emergency message of the node that the device listens to."""
+        """Act on an emergency message of the node in `emergencies_of` of the device."""
 
     def on_parameters(self) -> None:
-        """Act on parameters of a service that were written by SDO, and are in force."""
+        """Act on parameters of a service that were written by SDO, and are already in force."""
 
     def on_write(self, entry: Entry, value: Any) -> None:
         """Refuse an SDO write by raising `Abort`; the entry still has its old value."""
 
     def on_refused(self, name: str, reason: str) -> None:
-        """Act on an SDO write that was refused, by `on_write` or before it, with why in one line.
+        """Act on an SDO write that was refused; the reason is one line.
 
-        The name is that of the entry; without an entry it has index and sub-index.
+        `on_write` or an earlier check has refused it. The name is that of the entry; without an
+        entry it consists of index and sub-index.
         """
 
 
@@ -104,11 +106,11 @@ class Service:
     Attributes
     ----------
     states
-        NMT states it lives in; a service that is not alive neither listens nor sends.
+        NMT states in which the service is active; in other states it neither listens nor sends.
     objects
-        Indices whose values are its parameters.
+        Indices of the objects that hold its parameters.
     begins_anew
-        Whether it acts on a write of the value that an object has already, as on any other.
+        Whether a write of an unchanged value has the same effect as any other write.
     """
 
     states: ClassVar[frozenset[NMTState]] = frozenset()
@@ -121,13 +123,13 @@ class Service:
         self.alive = False
 
     def check_read(self, entry: Entry) -> None:
-        """Raise `Abort` if one of its objects has nothing to read."""
+        """Raise `Abort` if one of its objects has no value to read."""
 
     def check(self, entry: Entry, value: Any) -> None:
-        """Raise `Abort` if one of its objects must not take the value now."""
+        """Raise `Abort` if one of its objects must not be set to the value now."""
 
     def apply(self, entry: Entry) -> None:
-        """Act on the value one of its objects has just taken."""
+        """Act on the value to which one of its objects was set."""
         alive = self.alive
         self.enter(None)
         self.configure()
@@ -136,10 +138,10 @@ class Service:
             self.begin()
 
     def configure(self) -> None:
-        """Read the parameters from the object dictionary; the service is not alive."""
+        """Read the parameters from the object dictionary; the service is then not active."""
 
     def enter(self, state: NMTState | None) -> None:
-        """Begin or cease as the NMT state asks; None, no state, makes the service cease."""
+        """Start or stop as the NMT state requires; None, no state, stops the service."""
         alive = state in self.states
         if alive != self.alive:
             self.alive = alive
@@ -149,22 +151,22 @@ class Service:
                 self.cease()
 
     def begin(self) -> None:
-        """Start what the service does while it is alive."""
+        """Start the activity of the service."""
 
     def cease(self) -> None:
-        """Stop timers and drop what is pending."""
+        """Stop timers, and drop pending actions."""
 
     def listen(self) -> None:
-        """Register with the port for the CAN-IDs it listens to while it is alive."""
+        """Register with the port for the CAN-IDs that the service needs while it is active."""
 
     @property
     def sends(self) -> tuple[int, ...]:
-        """Identifiers that it sends with in one state or another, and no other device may."""
+        """CAN-IDs with which only this service may send, in any state."""
         return ()
 
 
 def check_cob_id(old: int, new: int) -> None:
-    """Refuse a COB-ID that an object with a valid bit (PDO, EMCY, SDO server) must not take.
+    """Check the COB-ID for an object with a valid bit (PDO, EMCY, SDO server).
 
     Raises
     ------
@@ -186,7 +188,7 @@ class Access:
     Parameters
     ----------
     on_change
-        Called after a service has taken a new parameter.
+        Function that is called after a service has applied a new parameter.
     """
 
     def __init__(
@@ -201,7 +203,7 @@ class Access:
         self._on_change = on_change
 
     def ask(self, services: Iterable[Service]) -> None:
-        """Ask services from now on about the objects that are theirs."""
+        """Register services as owners of their objects."""
         for service in services:
             for index in service.objects:
                 self._owners.setdefault(index, []).append(service)
@@ -229,7 +231,7 @@ class Access:
         Parameters
         ----------
         size
-            Bytes to come, None if the client does not say.
+            Number of bytes of the download; None if the client does not announce it.
 
         Raises
         ------
@@ -260,8 +262,8 @@ class Access:
         Raises
         ------
         Abort
-            By type and limits, by the rules of the service that owns the object, or by the
-            application; the entry then has its old value.
+            For a wrong type or limit, or as the service that owns the object or the application
+            requires; the value of the entry is then unchanged.
         """
         try:
             self._write(entry, data)
@@ -281,7 +283,7 @@ class Access:
         self._put(entry, value, owners)
 
     def put(self, entry: Entry, value: Any) -> None:
-        """Give the services a value of the application, without the checks of a write."""
+        """Set a value of the application, and apply it in the services, without checks."""
         self._put(entry, value, self._owners.get(entry.index, ()))
 
     def _put(self, entry: Entry, value: Any, owners: Sequence[Service]) -> None:
@@ -292,12 +294,12 @@ class Access:
             self._on_change()
 
     def _report(self, index: int, subindex: int, abort: Abort) -> None:
-        """Report to the application why a write was refused."""
+        """Report the reason of a refused write to the application."""
         entry = self._od.get(index, subindex)
         name = f"{index:04X}h sub-index {subindex}" if entry is None else entry.name
         self._application.on_refused(name, abort.explain(name))
 
     def _structure(self, index: int) -> int | None:
-        """Return the content of sub-index FFh; None if there is no object or the EDS has one."""
+        """Return the content of sub-index FFh; None without the object, or if it is in the EDS."""
         item = self._od.objects.get(index)
         return None if item is None or STRUCTURE_SUBINDEX in item.entries else item.structure

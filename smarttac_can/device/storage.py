@@ -1,4 +1,4 @@
-"""Parameters that outlive a power cycle (CiA 301, 7.5.2.13 and 7.5.2.14), and those of LSS."""
+"""Non-volatile parameters (CiA 301, 7.5.2.13 and 7.5.2.14), also those of LSS."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ Identity = tuple[int, int, int]
 """Vendor-ID, product code and revision number."""
 
 NOT_STORED: Final = 0
-"""Node-ID that stands for none."""
+"""Stored node-ID that means no node-ID."""
 UNCHANGED: Final = 0xFF
-"""Bit timing that stands for none."""
+"""Stored bit timing that means no bit timing."""
 
-# What is stored tells whether it is whole and the device's own. Its layout, little-endian: magic,
-# format version, identity, node-ID and bit timing of LSS, number of records; a record is index,
-# sub-index, length, bytes; at the end the CRC-32 of all before.
+# The stored bytes show whether they are complete and belong to the device. Layout, little-endian:
+# magic, format version, identity, node-ID and bit timing of LSS, number of records; each record
+# with index, sub-index, length, bytes; at the end the CRC-32 of all bytes before.
 _MAGIC: Final = b"CO-STORE"
 _VERSION: Final = 1
 _HEADER: Final = struct.Struct("<8sHIIIBBI")
@@ -57,11 +57,11 @@ class Image:
     Attributes
     ----------
     node_id
-        Of LSS; `NOT_STORED` for none, 255 for unconfigured.
+        Node-ID of LSS; `NOT_STORED` for none, 255 for unconfigured.
     bit_timing
         Index into the table of CiA 305; `UNCHANGED` for none.
     values
-        Bytes by index and sub-index.
+        Bytes of each value, by index and sub-index.
     """
 
     node_id: int = NOT_STORED
@@ -83,17 +83,17 @@ def pack_image(identity: Identity, image: Image) -> bytes:
 
 
 def begins_as_image(data: bytes) -> bool:
-    """Whether bytes begin as what `pack_image` makes, whole or torn; nothing does."""
+    """Return whether bytes begin like an image of `pack_image`, complete or torn; b"" does."""
     return data[: len(_MAGIC)] == _MAGIC[: len(data)]
 
 
 def unpack_image(identity: Identity, data: bytes) -> Image:
-    """Read what `pack_image` made.
+    """Read an image that `pack_image` made.
 
     Raises
     ------
     ValueError
-        The bytes are torn, not of this format, or those of another device.
+        The bytes are torn, have another format, or belong to another device.
     """
     body, checksum = data[: -_CHECKSUM.size], data[-_CHECKSUM.size :]
     if len(body) < _HEADER.size or crc32(body) != _CHECKSUM.unpack(checksum)[0]:
@@ -125,30 +125,30 @@ _GROUPS: Final = {
     3: (PROFILE_FIRST, PROFILE_LAST),
     4: (MANUFACTURER_FIRST, PROFILE_FIRST - 1),
 }
-"""Objects by sub-index; those above are of the manufacturer, too."""
+"""Index ranges by sub-index; higher sub-indices also mean the manufacturer's range."""
 _NOT_PARAMETERS: Final = (ERROR_FIELD, STORE_PARAMETERS, RESTORE_DEFAULTS)
 
 
 class Storage(Protocol):
-    """Where the host keeps bytes."""
+    """Storage of bytes by the host."""
 
     def read(self) -> bytes | None:
-        """Return what was written last, None if nothing ever was.
+        """Return the bytes that were written last, None if there are none.
 
         Raises
         ------
         OSError
-            If it cannot be read.
+            The storage cannot be read.
         """
         ...
 
     def write(self, data: bytes) -> None:
-        """Replace all that is stored.
+        """Replace the stored bytes.
 
         Raises
         ------
         OSError
-            If it cannot be written; what was stored before is still there.
+            The storage cannot be written; the bytes stored before are still there.
         """
         ...
 
@@ -160,20 +160,20 @@ class Memory:
         self._data: bytes | None = None
 
     def read(self) -> bytes | None:
-        """Return what was written last, None if nothing ever was."""
+        """Return the bytes that were written last, None if there are none."""
         return self._data
 
     def write(self, data: bytes) -> None:
-        """Keep the bytes in memory until the next write."""
+        """Store the bytes until the next write."""
         self._data = data
 
 
 class ParameterStorage(Service):
-    """Stores parameters on command and knows them after a reset.
+    """Store parameters on command, and restore them after a reset.
 
-    Stored is what differs from the default, so that the rest follows a new node-ID. What is
-    mappable is process data and not stored. A value that the application put in at a reset counts
-    as the value it replaced, for as long as nobody changes it.
+    Only values that differ from the default are stored, so that the others follow a new node-ID.
+    Mappable objects are process data, and are not stored. If the application has preset a value at
+    a reset, the value before is stored as long as the preset value is unchanged.
     """
 
     states: ClassVar = CONFIGURABLE
@@ -214,11 +214,11 @@ class ParameterStorage(Service):
 
     @property
     def torn(self) -> bool:
-        """Whether what is stored was not understood, so that the defaults apply."""
+        """Whether the stored parameters were invalid, so that the defaults apply."""
         return self._torn
 
     def load(self) -> None:
-        """Read what is stored; a torn or foreign content counts as none, and `report` tells."""
+        """Read the stored parameters; ignore torn or foreign ones, which `report` reports."""
         self._image = Image()
         self._torn = self._is_signed = False
         try:
@@ -234,14 +234,14 @@ class ParameterStorage(Service):
             self._torn = True
 
     def restore(self, first: int, last: int) -> None:
-        """Put the stored values of the objects first..last in place of the defaults."""
+        """Set the objects first..last to their stored values."""
         for entry, value in self._loaded.items():
             if first <= entry.index <= last:
                 entry.value = value
         self._before = {e: e.value for e in self._parameters if first <= e.index <= last}
 
     def note_presets(self) -> None:
-        """Note what the application has changed since `restore`."""
+        """Record the values that the application has preset since `restore`."""
         for entry, value in self._before.items():
             if entry.value == value:
                 self._presets.pop(entry, None)
@@ -250,7 +250,7 @@ class ParameterStorage(Service):
         self._before = {}
 
     def report(self) -> None:
-        """Report stored parameters that were not understood."""
+        """Report an error if the stored parameters were invalid."""
         if self._torn:
             self._emergency.report(EmergencyCode.DATA_STORAGE, ErrorRegister.GENERIC)
 
@@ -260,21 +260,20 @@ class ParameterStorage(Service):
         Raises
         ------
         OSError
-            If the storage fails.
+            The storage fails.
         Abort
-            If the application refuses to store now.
+            The application refuses to store now.
         """
         self._application.on_store()
         self._write(Image(node_id, bit_timing, self._image.values))
 
     def check(self, entry: Entry, value: Any) -> None:
-        """Refuse any value but the signature of store or restore, also the one read there.
+        """Refuse any value but the signature of store or restore, even the value read there.
 
         Raises
         ------
         Abort
-            STORE for a wrong signature, or what the application raises if it must not be stored
-            now.
+            STORE for a wrong signature; the error of the application if it refuses to store now.
         """
         signature = _SIGNATURES.get(entry.index)
         if signature is None:
@@ -289,7 +288,7 @@ class ParameterStorage(Service):
         Raises
         ------
         Abort
-            HARDWARE if the storage fails; all is as before then.
+            HARDWARE if the storage fails; nothing is then changed.
         """
         if entry.index == VERIFY_CONFIGURATION:
             self._is_signed = True
@@ -338,7 +337,7 @@ class ParameterStorage(Service):
         Raises
         ------
         ValueError
-            If one does not fit this object dictionary.
+            A value does not fit this object dictionary.
         """
         try:
             return {

@@ -36,26 +36,26 @@ from smarttac_can.od.entry import Entry
 
 
 class Sync(Service):
-    """Hears SYNC, or produces it and then acts on its own.
+    """Receive SYNC, or produce it and act on the produced SYNC.
 
     Parameters
     ----------
     on_sync
-        Called at every SYNC.
+        Function that is called at every SYNC.
 
     Attributes
     ----------
     can_id
-        Identifier of SYNC.
+        CAN-ID of SYNC.
     counter
-        Counter of the last SYNC, 0 where SYNC carries none.
+        Counter of the last SYNC, 0 if it carries none.
     own
-        Whether the device produced it.
+        Whether this device produced the last SYNC.
 
     Notes
     -----
-    After a SYNC that came late by more than a quarter of the period the next comes a whole period
-    later: who answers each one has the time for it.
+    After a SYNC that was late by more than a quarter of the period, the next one follows a whole
+    period later, so that the nodes have time to answer each one.
     """
 
     states: ClassVar = CONFIGURABLE
@@ -84,37 +84,37 @@ class Sync(Service):
 
     @property
     def missed(self) -> int:
-        """Periods that were lost before the last SYNC it produced."""
+        """Number of periods that were missed before the last SYNC that it produced."""
         return self._timer.missed
 
     @property
     def due(self) -> int:
-        """Device time in us of the next SYNC that it produces; `NEVER` if there is none."""
+        """Device time in us of the next SYNC that it produces; `NEVER` if it is no producer."""
         return self._timer.due
 
     @property
     def produces(self) -> bool:
-        """Whether it is the producer, which needs a period, too."""
+        """Whether it produces SYNC: the producer bit and a period are set."""
         return self._produces and self._period > 0
 
     @property
     def sends(self) -> tuple[int, ...]:
-        """That of SYNC, as its producer."""
+        """CAN-ID of SYNC, if it is the producer."""
         return (self.can_id,) if self.produces else ()
 
     @property
     def window_open(self) -> bool:
-        """Whether synchronous RPDOs are taken: within the window after SYNC, if there is one."""
+        """Whether synchronous RPDOs are accepted: within the SYNC window, or without a window."""
         return not self._window or self.port.clock.now - self._heard <= self._window
 
     def check(self, entry: Entry, value: Any) -> None:
-        """Refuse what CiA 301 forbids in COB-ID and counter of SYNC while they are in use.
+        """Refuse changes of COB-ID and counter that CiA 301 forbids while they are in use.
 
         Raises
         ------
         Abort
-            STATE for another CAN-ID of a producer or a counter beside a period, VALUE out of
-            range.
+            STATE for another CAN-ID of a producer, or another counter while there is a period;
+            VALUE for a value out of range.
         """
         if entry.index == SYNC_COB_ID:
             same = entry.value & CAN_ID_MASK == value & CAN_ID_MASK
@@ -132,7 +132,7 @@ class Sync(Service):
                 raise Abort(AbortCode.VALUE)
 
     def apply(self, entry: Entry) -> None:
-        """Put a new period or producer bit in force; the counter goes on unless it was set."""
+        """Apply a new period or producer bit; the counter continues unless it was written."""
         self.configure()
         if entry.index == SYNC_COUNTER:
             self._counter = 0
@@ -149,12 +149,12 @@ class Sync(Service):
         self._window = self.od.number(SYNC_WINDOW)
 
     def begin(self) -> None:
-        """Begin the counter at 1, after a reset or STOPPED, and produce SYNC if it is to."""
+        """Reset the counter, so that it starts at 1, and start to produce SYNC if enabled."""
         self._counter = 0
         self._start_or_stop()
 
     def cease(self) -> None:
-        """Produce no SYNC any more."""
+        """Stop producing SYNC."""
         self._timer.stop()
 
     def listen(self) -> None:
@@ -162,7 +162,7 @@ class Sync(Service):
         self.port.listen(self.can_id, self.receive)
 
     def receive(self, frame: Frame) -> None:
-        """Take a SYNC; one of the wrong length is ignored and reported."""
+        """Take a SYNC; a SYNC of the wrong length is ignored and reported."""
         data = frame.data
         if frame.rtr:
             return
@@ -203,7 +203,7 @@ _DAY_MS: Final = 86_400_000
 
 
 class TimeStamp(Service):
-    """Counts the time of day by device time, from the last TIME message on."""
+    """Keep the time of day, by device time, from the last TIME message on."""
 
     states: ClassVar = CONFIGURABLE
 
@@ -221,12 +221,12 @@ class TimeStamp(Service):
         return self._received + self.port.clock.now - self._received_at
 
     def check(self, entry: Entry, value: Any) -> None:
-        """Refuse another CAN-ID while in use, and the producer bit, as this device produces none.
+        """Refuse another CAN-ID while in use, and the producer bit, which is not supported.
 
         Raises
         ------
         Abort
-            STATE for another CAN-ID while in use, VALUE for one that cannot be.
+            STATE for another CAN-ID while in use, VALUE for an invalid COB-ID.
         """
         same = entry.value & CAN_ID_MASK == value & CAN_ID_MASK
         if entry.value & value & COB_TIME_CONSUMER and not same:
@@ -238,7 +238,7 @@ class TimeStamp(Service):
             raise Abort(AbortCode.VALUE)
 
     def configure(self) -> None:
-        """Read the COB-ID; the time goes on."""
+        """Read the COB-ID; the time continues."""
         self._cob_id = self.od.number(TIME_COB_ID)
 
     def listen(self) -> None:
@@ -247,7 +247,7 @@ class TimeStamp(Service):
             self.port.listen(self._cob_id & CAN_ID_MASK, self.receive)
 
     def receive(self, frame: Frame) -> None:
-        """Take a TIME_OF_DAY: ms after midnight in 28 bits, days since 1984-01-01."""
+        """Take a TIME message: ms after midnight in 28 bits, days since 1984-01-01."""
         data = frame.data
         if len(data) != SIZES[DataType.TIME_OF_DAY] or frame.rtr:
             return

@@ -1,24 +1,26 @@
-"""Bounds of the vibration: what the drive makes of the plate at most, and at least.
+"""Bounds of the vibration: the most and the least amplitude that the sent drives can have made.
 
 In the frame of the drive voltage a plate with gain K, time constant tau, resonance w0 and a finger
 that multiplies its damping by D follows ``W' = lambda W + (K/tau) V`` with ``lambda = -D/tau +
 j (w0 - w)``, so that it settles at ``K V/sqrt(D^2 + (tau (w0 - w))^2)``. Two bounds follow from it:
 
-* **From above**, which takes nothing from the pick-up: the least D that any finger has at the
-  measured normal force, and of all resonances that model, thermometer and finger leave possible the
-  one nearest to the drive. What this bound may reach limits the voltage before it goes out.
-* **From below**, what the pick-up has to read at least: the largest D, and the resonance that is
-  farthest away.
+* The **bound from above** does not use the pick-up. It takes the least D that any finger has at the
+  measured normal force. Model, thermometer and finger leave a range for the resonance; the bound
+  takes the value of this range that is nearest to the drive frequency. The voltage is cut so that
+  this bound stays within its limit, before the drive goes out.
+* The **bound from below** is the least vibration that the pick-up has to read. It takes the largest
+  D, and the resonance that is farthest from the drive frequency.
 
-Neither waits until the vibration has settled: a friction loop may drive in pulses that are shorter.
-Before an identification nobody knows where the resonance is. The bound from above then takes it to
-be where the drive is, and the one from below takes the phase that the pick-up reads.
+Both bounds follow the vibration while it builds up and decays, because a friction loop may drive in
+pulses that are too short for the vibration to settle. Before an identification the resonance is
+unknown: the bound from above then assumes that the plate is driven at its resonance, and the bound
+from below uses the phase that the pick-up reads.
 
-`follow` steps the bounds with a measurement, `put_out` with the drive that answers it. A drive is
-taken to be in force from its measurement to the next one, whatever the dead time is. The
-comparisons with the model take the larger or the lesser of two voltages in turn, so that a drive
-may take effect anywhere in its cycle. Where drives were late, the bounds take the largest and the
-least of those that may be in force.
+`follow` steps the bounds with a measurement, `put_out` with the drive that answers it. The bounds
+assume that a drive is in force from its measurement to the next one, whatever the dead time is. In
+fact a drive may take effect anywhere in its cycle, so the comparisons with the model use the larger
+or the smaller of two consecutive voltages. After late drives the bounds use the largest and the
+smallest voltage of all drives that may be in force.
 """
 
 from __future__ import annotations
@@ -35,131 +37,132 @@ from smarttac_can.vocabulary.signals import TICK, Contact, Drive, Measurement
 
 LEAST_LOAD: Final = 0.40
 MOST_LOAD: Final = 1.60
-"""Damping that a finger adds at 0.5 N, over that of the bare plate, at least and at most; an
-assumption wider than all fingertips of the simulation, 0.47 to 1.32."""
+"""Least and largest damping that a finger of 0.5 N adds, relative to the damping of the bare plate.
+An assumption wider than all fingertips of the simulation, 0.47 to 1.32."""
 MOST_STIFFENING: Final = 12.0
-"""By how many Hz a finger of 0.5 N raises the resonance at most; an assumption wider than the
-8.8 Hz of the simulation."""
+"""Largest rise of the resonance by a finger of 0.5 N, in Hz. An assumption wider than the 8.8 Hz of
+the simulation."""
 THERMOMETER_UNCERTAINTY: Final = 1.0
-"""Uncertainty of the thermometer in K. At 140 Hz off the resonance a kelvin is 4 % of the
-vibration."""
+"""Uncertainty of the thermometer in K. 140 Hz off resonance, 1 K changes the vibration by 4 %."""
 _F0_UNCERTAINTY: Final = 2.0
-"""Uncertainty in Hz of a resonance that was identified."""
+"""Uncertainty of an identified resonance in Hz."""
 _RESONANCE_UNCERTAINTY: Final = _F0_UNCERTAINTY - F0_SLOPE * THERMOMETER_UNCERTAINTY
 """Uncertainty in Hz of the resonance of an identified plate without a finger."""
 _FORCE_UNCERTAINTY: Final = 0.05
 """Uncertainty of the normal force in N: noise, and drift since the tare."""
 _FORCE_TOLERANCE: Final = 0.1
-"""The same as a fraction: slope and bow of the gauges."""
+"""Uncertainty of the normal force as a fraction of it: slope and bow of the gauges."""
 _PHASE_FROM: Final = 20e-9
-"""Vibration in m from which its phase shows the detuning: noise is 1 nm."""
+"""Least vibration in m at which its phase shows the detuning. The noise is 1 nm."""
 _PHASE_MIN: Final = 0.05
-"""Cosine of the phase, at least; at the ends of the frequency range it is 0.13."""
+"""Least cosine of the phase that is used. At the ends of the frequency range it is 0.13."""
 _HOP: Final = 10.0
-"""Change in Hz from one drive to the next after which the vibration turns to a new phase, perhaps
+"""Change of the drive frequency in Hz after which the vibration turns to a new phase, and may pass
 through 0."""
 _TURNING_CYCLES: Final = 8
-"""How long that takes, in cycles: the phase shows nothing until then."""
+"""Cycles that this turn takes. During them the phase is not used."""
 _TWO_PI: Final = 2.0 * pi
 ROUNDING: Final = 1.0 + 1e-9
-"""A bound that a voltage was cut to may miss its limit by the last bits."""
+"""Rounding: a bound to which a voltage was cut may exceed its limit by the last bits."""
 
 
 class BoundPlan(NamedTuple):
-    """What the bounds follow from: limits, model and data sheet, in SI units."""
+    """Parameters of the bounds: limits, model and data sheet, in SI units."""
 
     identified: bool
-    """Whether the resonance is known."""
+    """Whether the resonance was identified."""
     limit: float
-    """Of the bound from above under a finger, in m peak-to-peak."""
+    """Limit of the bound from above while a finger touches, in m peak-to-peak."""
     bare_limit: float
-    """The same without contact, at most 3.27 um: the pick-up ends there."""
+    """Limit of the bound from above without contact, in m peak-to-peak. At most 3.27 um, the end of
+    the pick-up's range."""
     gain: float
-    """Of the model in m/V."""
+    """Gain of the model in m/V."""
     tau: float
-    """Of the model in s."""
+    """Time constant of the model in s."""
     decay: float
-    """What is left after a tick of a vibration of the model."""
+    """Fraction of a vibration of the model that is left after a tick."""
     most_gain: float
-    """Largest that is believed, in m/V: a written model may be that of a plate whose pick-up reads
-    too little."""
+    """Gain of the bound from above in m/V: that of the model, but at least that of the data sheet
+    minus its tolerance. A written model may come from a plate whose pick-up reads too little."""
     believed_tau: float
-    """Of the model, within the tolerance of the data sheet, in s."""
+    """Time constant of the model, limited to the tolerance of the data sheet, in s."""
     f0: float
     """Resonance of the model in Hz."""
     found_at: float
-    """Temperature in degC at which it was that."""
+    """Temperature in degC at which the model has this resonance."""
     softest: float
-    """By how many Hz it falls until the vibration is at its limit; a plate that stiffens has less
-    than 0."""
+    """Fall of the resonance in Hz when the vibration is at its limit; below 0 for a plate that
+    stiffens."""
 
 
 class Response(NamedTuple):
-    """What a tick makes of a vibration at one frequency."""
+    """Response of the vibration to one tick at one frequency."""
 
     left: complex
-    """What is left of a vibration."""
+    """Factor of the vibration at the start of the tick."""
     per_volt: complex
-    """What a volt adds, in m/V."""
+    """Vibration in m that each volt adds."""
 
 
 class InForce(NamedTuple):
     """The drives that may be in force until the next measurement."""
 
     drive: Drive
-    """As it went out last."""
+    """Drive sent last."""
     turning: int
-    """Cycles for which the vibration may still turn to the phase of another frequency."""
+    """Cycles for which the vibration may still turn to the phase of a new frequency."""
     most: float
     """Largest voltage in V that may be in force."""
     least: float
-    """Least one."""
+    """Smallest voltage in V that may be in force."""
     most_before: float
-    """The largest one in the cycle before."""
+    """Largest voltage in V of the cycle before."""
     least_before: float
-    """The least one then."""
+    """Smallest voltage in V of the cycle before."""
     held_most: float
-    """Largest voltage in V of the drives that a late one leaves in force."""
+    """Largest voltage in V of the drives that stay in force if the last drive is late."""
     held_least: float
-    """Least one."""
+    """Smallest voltage in V of these drives."""
     late: bool
     """Whether the last drive is late."""
     response: Response
-    """The larger one of those that may be in force."""
+    """Larger response of the drives that may be in force."""
     held: Response
-    """That of the drives that a late one leaves in force."""
+    """Response of the drives that stay in force if the last drive is late."""
 
 
 class Vibration(NamedTuple):
-    """The vibration that follows from the drives, in m peak-to-peak."""
+    """Vibration that follows from the drives, in m peak-to-peak."""
 
     most: complex
-    """Bound from above. `cut` keeps it within its limit, unless drives come late."""
+    """Bound from above. `cut` keeps it within its limit unless drives are late."""
     E: float
-    """At the bare resonance: no detuning and no finger makes the plate vibrate more."""
+    """Vibration at the bare resonance for the largest voltages. Detuning and fingers
+    only lower it."""
     E_least: float
-    """The same of the least voltage that may be in force."""
+    """Vibration at the bare resonance for the smallest voltages."""
     least: float
     """Bound from below."""
     damping: float
-    """Least damping of plate and finger over that of the plate."""
+    """Least damping of plate and finger, relative to the damping of the plate."""
     touching: bool
-    """Whether a finger was felt."""
+    """Whether a finger touched."""
     low: float
     """Lowest frequency in Hz that the resonance may have."""
     high: float
-    """Highest one."""
+    """Highest frequency in Hz that the resonance may have."""
 
 
 def bound_plan(si: Callable[[str], float], *, identified: bool) -> BoundPlan:
-    """Return what the bounds follow from.
+    """Return the parameters of the bounds.
 
     Parameters
     ----------
     si
-        Returns the value of an object of ``stimulator.eds`` in SI units.
+        Function that returns the value of an object of ``stimulator.eds`` in SI units.
     identified
-        Whether the model is that of an identification.
+        Whether the model comes from an identification.
     """
     limit = si("Limit.Amplitude by drive")
     tolerance = si("Model.Data sheet tolerance")
@@ -190,7 +193,7 @@ _NOTHING: Final = Response(0j, 0j)
 UNDRIVEN: Final = InForce(
     Drive(0.0, nan), 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False, _NOTHING, _NOTHING
 )
-"""Before the first drive."""
+"""State before the first drive."""
 
 
 def follow(
@@ -206,15 +209,16 @@ def follow(
     Parameters
     ----------
     before
-        At the measurement before.
+        Vibration at the measurement before.
     in_force
-        The drives since then.
+        Drives since the measurement before.
     measurement
-        Its temperature counts, and only for the bound from below the phase of the pick-up.
+        Measurement of this cycle. Its temperature is used, and only for the bound from below the
+        phase of the pick-up.
     contact
         The finger in this cycle.
     ticks
-        Since the measurement before, 1 or more.
+        Ticks since the measurement before, 1 or more.
     """
     bound, E, E_least, least, _, _, low, high = before
     drive, _, V_most, V_least, V_most_before, V_least_before, _, _, _, response, _ = in_force
@@ -225,7 +229,7 @@ def follow(
     E = driven + (E - driven) * decay
     driven = plan.gain * V_least
     E_least = driven + (E_least - driven) * decay
-    # What a reading of that may stand for at most, and below at least.
+    # Largest and smallest contact that the reading may stand for.
     most_contact = contact_load((1.0 + _FORCE_TOLERANCE) * Fn + _FORCE_UNCERTAINTY)
     least_contact = 0.0
     if touching:
@@ -233,7 +237,7 @@ def follow(
     damping = 1.0 + MOST_LOAD * most_contact
     voltage = min(V_least, V_least_before)
     driven = 0.0
-    # Without a voltage there may have been no drive yet, and so no frequency.
+    # Without a voltage there may have been no drive yet, and then its frequency is NaN.
     if voltage > 0.0:
         if plan.identified:
             share = _least_share(plan, low, high, drive.frequency, damping)
@@ -263,26 +267,26 @@ def follow(
 def put_out(
     plan: BoundPlan, vibration: Vibration, in_force: InForce, drive: Drive, late: bool
 ) -> tuple[InForce, Drive]:
-    """Cut the voltage of a drive, and note it as in force.
+    """Cut the voltage of a drive, and record the drive as in force.
 
-    If the drive is late, it comes into force during the next cycle, or never. The drives before it
-    may then stay in force until one in time has come, and for the cycle in which that comes.
+    If the drive is late, it comes into force during the next cycle or never. The drives before it
+    may then stay in force until a drive arrives in time, and during that cycle too.
 
     Parameters
     ----------
     plan, vibration
-        Limits and model, and the vibration at the measurement that is answered.
+        Limits and model; vibration at the measurement that is answered.
     in_force
-        What may have been in force until then.
+        Drives that may have been in force until this drive.
     drive
-        What is to go out.
+        Drive to be sent.
     late
-        Whether the plate gets it too late for this cycle.
+        Whether the drive reaches the plate too late for this cycle.
 
     Returns
     -------
     tuple
-        What may be in force until the next measurement, and the drive that goes out.
+        State of the drives in force until the next measurement, and the drive to send.
     """
     response = response_at(plan, vibration, drive.frequency)
     drive = cut(plan, vibration, response, drive)
@@ -290,7 +294,7 @@ def put_out(
 
 
 def response_at(plan: BoundPlan, vibration: Vibration, frequency: float) -> Response:
-    """Return what a tick at a frequency in Hz makes of the bound from above."""
+    """Return the response of the bound from above to one tick at a frequency in Hz."""
     off = 0.0
     if plan.identified:
         if frequency < vibration.low:
@@ -304,10 +308,10 @@ def response_at(plan: BoundPlan, vibration: Vibration, frequency: float) -> Resp
 
 
 def cut(plan: BoundPlan, vibration: Vibration, response: Response, drive: Drive) -> Drive:
-    """Return a drive with its voltage cut to what keeps the bound from above within its limit.
+    """Return a drive with its voltage cut so that the bound from above stays within its limit.
 
-    That is 3.27 um, the end of the pick-up's range, without contact, and
-    ``Limit.Amplitude by drive`` under a finger, which may damp more than the least.
+    Without contact the limit is at most 3.27 um, the end of the pick-up's range. While a finger
+    touches it is ``Limit.Amplitude by drive``, as a finger may damp more than the bound assumes.
     """
     V, f = drive
     left, per_volt = response
@@ -326,7 +330,7 @@ def cut(plan: BoundPlan, vibration: Vibration, response: Response, drive: Drive)
 
 
 def noted(in_force: InForce, drive: Drive, response: Response, late: bool) -> InForce:
-    """Return what may be in force until the next measurement, as a drive has gone out."""
+    """Return the drives that may be in force until the next measurement, after a drive was sent."""
     was, turning, most, least, _, _, held_most, held_least, was_late, _, held = in_force
     V = drive.voltage
     turning = turning - 1 if turning > 0 else 0
@@ -350,14 +354,14 @@ def noted(in_force: InForce, drive: Drive, response: Response, late: bool) -> In
 def _least_share(
     plan: BoundPlan, low: float, high: float, frequency: float, damping: float
 ) -> float:
-    """Return which share of its vibration at resonance the plate has at least, 0..1."""
+    """Return the least vibration of the plate as a fraction of that at resonance, 0..1."""
     off = max(abs(frequency - low), abs(frequency - high))
     x = _TWO_PI * off * plan.believed_tau / damping
     return 1.0 / sqrt(1.0 + x * x)
 
 
 def _read_share(W: complex) -> float:
-    """Return the same of an unknown plate, by the phase that the pick-up reads."""
+    """Return this fraction for an unidentified plate, from the phase that the pick-up reads."""
     amplitude = abs(W)
     if amplitude > _PHASE_FROM and W.real > _PHASE_MIN * amplitude:
         return W.real / amplitude

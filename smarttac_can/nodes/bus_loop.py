@@ -1,7 +1,7 @@
-"""The loop over the bus: which measurement of a plate node is answered, and what is supervised.
+"""The loop over the bus: accept the measurements of a plate node, and supervise their timing.
 
-`Pairing` makes a measurement of the three TPDOs of a plate. SYNC is the tick of the plate. Three
-things are compared with it: device time (`SyncWatch`), the measurements that follow it
+`Pairing` joins the three TPDOs of the plate to one measurement. SYNC is the tick of the plate.
+Three things are compared with it: device time (`SyncWatch`), the measurements that follow it
 (`SourceWatch`), and the ticks that are answered (`LateAnswers`).
 """
 
@@ -27,29 +27,30 @@ from smarttac_can.vocabulary.watchdogs import (
 )
 
 UNUSABLE_MAX: Final = 3
-"""Measurements in a row, incomplete, corrupt or of a foreign tick, before it is a fault. Spread
-ones do not add up: CAN may deliver a frame twice, and a doubled first PDO begins one that stays
-incomplete. `MissedTime` counts ticks without a cycle."""
+"""Unusable measurements in a row (incomplete, corrupt or of a foreign tick) before the fault.
+Single ones do not add up: CAN may deliver a frame twice, and a doubled first PDO begins a
+measurement that stays incomplete. `MissedTime` counts ticks without a cycle."""
 _FIRST_RPDO, *_, _LAST_RPDO = MEASUREMENT_RPDOS
 _NOTHING: Final = -1
 
 
 class Pairing:
-    """Pairs the measurement PDOs of a tick; counts what cannot be used.
+    """Join the measurement PDOs of a tick, and count unusable measurements.
 
     Parameters
     ----------
     od
         Object dictionary of ``stimulator.eds``.
     unusable
-        Called when a measurement begins after `UNUSABLE_MAX` unusable ones.
+        Function that is called when a measurement begins after `UNUSABLE_MAX` unusable ones.
     foreign
-        Called with each sound one of another session, or that repeats the tick answered last.
+        Function that is called with each sound measurement of another session or of the tick that
+        was answered last.
 
     Attributes
     ----------
     values
-        Of the last accepted measurement, in the order of the bus; empty before the first.
+        Values of the last accepted measurement, in the order of the bus; empty before the first.
     """
 
     def __init__(
@@ -68,7 +69,7 @@ class Pairing:
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew: no measurement is under way, none was answered."""
+        """Restart without a measurement in progress, and without an answered tick."""
         self._come.clear()
         self._begun = 0
         self._session = self._next_session = _NOTHING
@@ -79,19 +80,19 @@ class Pairing:
         self._answered = _NOTHING
 
     def take(self, rpdo: int, data: bytes) -> bool:
-        """Keep the bytes of a PDO; those of the last one complete a measurement.
+        """Store the bytes of a PDO; the last PDO completes a measurement.
 
         Returns
         -------
         bool
-            Whether they complete one that is sound, of this session and of a new tick. Its values
-            are then in `values` and in the object dictionary.
+            Whether this PDO completes a measurement that is sound, of this session and of a new
+            tick. Its values are then in `values` and in the object dictionary.
         """
         come = self._come
         if rpdo == _FIRST_RPDO:
             self._begin()
         come[rpdo] = data
-        # A cycle's last PDO ends it, so that those of two cycles are never mixed.
+        # The last PDO of a cycle ends it, so PDOs of two cycles are never mixed.
         if rpdo != _LAST_RPDO or len(come) < len(MEASUREMENT_RPDOS):
             return False
         data = b"".join(map(come.__getitem__, MEASUREMENT_RPDOS))
@@ -117,19 +118,19 @@ class Pairing:
 
     @property
     def session(self) -> int:
-        """Number of the plate's session, 0..255, by which its second tick is ahead of the first.
+        """Session number of the plate, 0..255: the difference of the two ticks of a measurement.
 
-        Another one is that of the plate when two measurements in a row have it.
+        A new session number is accepted when two measurements in a row have it.
         """
         return max(0, self._session)
 
     @property
     def level(self) -> float:
-        """How near measurements that cannot be used are to a fault, of 1.0."""
+        """Level of unusable measurements; 1.0 is a fault."""
         return self._begun / UNUSABLE_MAX
 
     def answered(self) -> int:
-        """Note that the last accepted measurement got its drive; return its tick, 0..255."""
+        """Record that the last accepted measurement was answered; return its tick, 0..255."""
         self._answered = self.values[self._tick_at]
         return self._answered
 
@@ -143,20 +144,20 @@ class Pairing:
 
 
 Observe = Callable[[Watchdog, bool], None]
-"""Takes a watchdog, and whether its fault comes or goes."""
+"""Function that takes a watchdog, and whether its fault is present."""
 BACKLOG: Final = 1000
-"""Measurements that may have waited in queues and come late: those of a second."""
+"""Most measurements that may have waited in queues and arrive late: those of 1 s."""
 ANSWERS: Final = 20
-"""Number of the last drives of which the late ones are counted."""
+"""Number of recent drives among which late ones are counted."""
 _HALF: Final = TICK_MASK // 2
 _LAST: Final = (1 << ANSWERS) - 1
 
 
 class BusLoop:
-    """SYNC, the measurements that follow it, and the deadline within which they are answered.
+    """Supervise SYNC, the measurements that follow it, and the deadline of their answers.
 
-    The deadline is that of the shortest event timer of RPDO 5 to 7, and applies even if these
-    PDOs are switched off.
+    The deadline is the shortest event timer of RPDO 5 to 7. It applies even if these PDOs are not
+    valid.
 
     Parameters
     ----------
@@ -165,18 +166,18 @@ class BusLoop:
     clock
         Device time.
     deadline
-        That of the loop.
+        Deadline of the loop.
     observe
-        Called with a watchdog whose fault comes, or goes.
+        Function that is called when the fault of a watchdog comes or goes.
     unanswered
-        Called when the deadline is over.
+        Function that is called when the deadline has elapsed.
 
     Attributes
     ----------
     source
-        Watch over who else sends.
+        Detection of other nodes that send frames of the loop.
     late_answers
-        Watch over answers that come after the next SYNC.
+        Count of answers that are sent after the next SYNC.
     """
 
     def __init__(
@@ -205,7 +206,7 @@ class BusLoop:
         self.late_answers.restart()
 
     def leave(self) -> None:
-        """Follow NMT out of OPERATIONAL: wait for a first SYNC and a first measurement."""
+        """Wait for a first SYNC and a first measurement, as NMT has left OPERATIONAL."""
         self._pairing.forget()
         self.late_answers.restart()
         self._sync.restart()
@@ -213,7 +214,7 @@ class BusLoop:
         self._observe(Watchdog.MEASUREMENT, False)
 
     def sync(self, device: Device) -> None:
-        """Check when the SYNC comes, its counter, and who sent it."""
+        """Check the time, the counter and the sender of a SYNC."""
         if device.sync.own:
             self._missed.count(device.sync.missed)
             self._sync.produced()
@@ -225,11 +226,11 @@ class BusLoop:
         self.late_answers.sync()
 
     def take(self, rpdo: int, data: bytes) -> bool:
-        """Take a PDO; return whether it completes a measurement that is to be answered."""
+        """Take a PDO; return whether it completes a measurement that has to be answered."""
         return self._pairing.take(rpdo, data) and self.source.may_answer()
 
     def answer(self) -> bool:
-        """Record that the measurement gets its drive; return whether that is late."""
+        """Record that the measurement is answered; return whether the answer is late."""
         tick = self._pairing.answered()
         self._unanswered.start(self._deadline.ms * TICK_US)
         self._observe(Watchdog.MEASUREMENT, False)
@@ -246,18 +247,18 @@ class BusLoop:
         return self._pairing.session
 
     def on_write(self, entry: Entry, value: int) -> None:
-        """Follow a write to one of the deadlines, also within one."""
+        """Apply a write to one of the deadlines, even while a deadline is running."""
         ms = self._deadline.with_write(entry, value)
         if ms is not None:
             self._unanswered.follow(ms * TICK_US)
 
     def overdue(self) -> None:
-        """Look whether the deadline is over now."""
+        """Fire the deadline if it has elapsed."""
         if self._unanswered.due <= self._clock.now:
             self._unanswered.fire()
 
     def levels(self) -> dict[Watchdog, float]:
-        """Return how near a fault, 1.0, each of its watchdogs is at the end of this tick."""
+        """Return the level of each watchdog of the loop at the end of this tick; 1.0 is a fault."""
         lost, irregular = self._sync.levels(TICK_US)
         unanswered = self._clock.share((self._unanswered,), TICK_US)
         return {
@@ -269,27 +270,27 @@ class BusLoop:
 
 
 class _Window:
-    """SYNCs that come in a stretch of device time.
+    """Count of the SYNCs in an interval of device time.
 
     Parameters
     ----------
     clock
         Device time.
     judge
-        Called at its end with how many SYNCs came, and how many should have.
+        Function that is called at the end with the number of SYNCs received and of those expected.
     tolerance
-        Returns for a deadline how many too many or too few are no fault.
+        Function that returns for a deadline how many SYNCs too many or too few are accepted.
 
     Attributes
     ----------
     count
-        How many came.
+        Number of SYNCs received.
     open
-        Whether it counts.
+        Whether an interval is in progress.
     tolerance
-        How many too many or too few are no fault, by the deadline of the loop when it began.
+        SYNCs too many or too few that are accepted, by the deadline at the start of the interval.
     most
-        Most that may come before SYNC is irregular at once.
+        Number of SYNCs above which SYNC is irregular at once.
     """
 
     def __init__(
@@ -307,7 +308,7 @@ class _Window:
         self._begun = 0
 
     def begin(self, periods: int, deadline_ms: int) -> None:
-        """Count anew for so many periods."""
+        """Start an interval of so many periods."""
         self.open = True
         self.count = 0
         self.tolerance = self._tolerance_of(deadline_ms)
@@ -316,14 +317,14 @@ class _Window:
         self._timer.start(periods * TICK_US)
 
     def level(self, ahead: int) -> float:
-        """How near to a fault, 1.0, too many or too few are if it ends ``ahead`` us from now."""
+        """Return the level, 1.0 for a fault, if the interval ends ``ahead`` us from now."""
         if not self.open:
             return 0.0
         off = self.count - (self._clock.now + ahead - self._begun) // TICK_US
         return abs(off) / (self.tolerance + 1) if off else 0.0
 
     def stop(self) -> None:
-        """Count no more."""
+        """Stop counting."""
         self.open = False
         self._timer.stop()
         self.count = 0
@@ -334,7 +335,7 @@ class _Window:
 
 
 class SyncWatch:
-    """Compares SYNC with device time, from the first SYNC on.
+    """Compare SYNC with device time, from the first SYNC on.
 
     Parameters
     ----------
@@ -365,12 +366,12 @@ class SyncWatch:
         self._observe(Watchdog.SYNC_IRREGULAR, False)
 
     def produced(self) -> None:
-        """Watch nobody: the node has taken over SYNC."""
+        """Stop the supervision, as this node produces SYNC itself."""
         if self._window.open:
             self.restart()
 
     def heard(self, counter: int) -> None:
-        """Take a SYNC of another node with its counter, 0 where it has none."""
+        """Take a SYNC of another node and its counter; 0 if it has no counter."""
         deadline_ms = self._deadline.ms
         window = self._window
         if not window.open:
@@ -380,7 +381,7 @@ class SyncWatch:
         window.count += 1
         self._long.count += 1
         if window.count > window.most:
-            # At once, also where device time stands still and no window ends.
+            # At once, because without progress of device time the window never ends.
             self._irregular()
         self._silence.start(deadline_ms * TICK_US)
         self._observe(Watchdog.SYNC_LOST, False)
@@ -389,7 +390,7 @@ class SyncWatch:
             self._observe(Watchdog.SYNC_COUNTER, True)
 
     def levels(self, ahead: int) -> tuple[float, float]:
-        """How near to a fault, 1.0, silence and irregularity of SYNC are ``ahead`` us from now."""
+        """Return the levels of lost and irregular SYNC ``ahead`` us from now; 1.0 is a fault."""
         silence = self._clock.share((self._silence,), ahead)
         return silence, max(self._window.level(ahead), self._long.level(ahead))
 
@@ -402,7 +403,7 @@ class SyncWatch:
         self._observe(Watchdog.SYNC_IRREGULAR, True)
 
     def _forget_drift(self) -> None:
-        """Count anew: what is lost or comes at once is no matter of the clock."""
+        """Restart the long window: a lost SYNC or a burst is no drift of the clock."""
         self._long.stop()
         self._drifts = False
 
@@ -421,19 +422,20 @@ class SyncWatch:
 
 
 class SourceWatch:
-    """Grants one answer a SYNC, and trips when there is another source of a frame of the loop.
+    """Grant one answer for each SYNC, and trip if another node sends frames of the loop.
 
     Parameters
     ----------
     od, clock, observe
         As for `SyncWatch`.
     deadline
-        That of the loop; so many SYNCs may wait for their measurement.
+        Deadline of the loop. As many SYNCs may wait for their measurement.
 
     Notes
     -----
-    A SYNC that the plate has heard and this node has not leaves a measurement more than SYNCs.
-    `SyncWatch` lets one less than the deadline pass in its window; so does this, in as many SYNCs.
+    A SYNC that the plate has received and this node has not leaves one measurement too many.
+    `SyncWatch` tolerates one less than the deadline in its window; this class the same in as many
+    SYNCs.
     """
 
     def __init__(
@@ -449,20 +451,20 @@ class SourceWatch:
         self.restart()
 
     def restart(self) -> None:
-        """Wait for a first SYNC; what waits in queues may come later still."""
+        """Wait for a first SYNC; measurements that waited in queues may still arrive."""
         self._credits = self._heard = 0
         self._begin_window()
 
     def forget(self) -> None:
-        """Forget what was noticed."""
+        """Clear the fault."""
         self._quiet.stop()
         self._collision = False
         self._observe(Watchdog.DOUBLE, False)
 
     def sync(self) -> None:
-        """Take a SYNC that is the tick of the plate: it has one measurement.
+        """Take a SYNC that is the tick of the plate: one measurement belongs to it.
 
-        What came while SYNC was lost is no sign of another source, nor is what comes late.
+        Measurements that arrive while SYNC is lost, or late, do not indicate another source.
         """
         deadline = self._deadline
         before, self._heard = self._heard, self._clock.now
@@ -480,10 +482,10 @@ class SourceWatch:
             self._begin_window()
 
     def may_answer(self) -> bool:
-        """Take a measurement; return whether it belongs to a SYNC. It is counted if not.
+        """Take a measurement; return whether it belongs to a SYNC. Otherwise count it as surplus.
 
-        On a bus of sockets it may overtake its SYNC: after a first SYNC one answer may be
-        ahead.
+        On a bus of sockets a measurement may overtake its SYNC, so after a first SYNC one answer
+        may be ahead of it.
         """
         self._measured += 1
         late = self._owed > 0
@@ -498,12 +500,12 @@ class SourceWatch:
         return False
 
     def unexpected(self) -> None:
-        """Record a measurement that belongs to no SYNC, or to no single tick."""
+        """Record a measurement without a SYNC, or of another session or an answered tick."""
         self._unexpected += 1
 
     @property
     def level(self) -> float:
-        """How near measurements that are not those of a SYNC are to a fault, of 1.0."""
+        """Level of measurements without a SYNC; 1.0 is a fault."""
         return self._unexpected / (self._deadline.tolerance + 1)
 
     def plate_reports_another(self) -> None:
@@ -512,7 +514,7 @@ class SourceWatch:
         self._observe(Watchdog.DOUBLE, True)
 
     def collide(self, heard: bool) -> None:
-        """Record that another node uses an identifier of this one, or does so no longer."""
+        """Record whether another node uses an identifier of this node."""
         self._collision = heard
         if heard:
             self._observe(Watchdog.DOUBLE, True)
@@ -528,22 +530,24 @@ class SourceWatch:
 
 
 class LateAnswers:
-    """Compares SYNCs with the ticks of the plate, which counts them.
+    """Count answers that are late, by comparing SYNCs with the ticks of the plate.
 
-    How many SYNCs the stimulator is ahead, of 256, is least where an answer is in time. One more is
-    a SYNC between the measurement and its drive: the next cycle of the plate begins without it.
+    The number of SYNCs minus the tick, modulo 256, is smallest for an answer in time. It is larger
+    by 1 if a SYNC came between the measurement and its drive: the plate then begins its next cycle
+    without this drive.
 
     Parameters
     ----------
     deadline
-        That of the loop.
+        Deadline of the loop.
 
     Notes
     -----
-    A SYNC that the plate has not heard makes all answers look late, and so does a loop that never
-    is in time, whose voltage the deadline of the plate ends: after as many of them that is the new
-    least. One that overtook its SYNC looks early; two among the last `ANSWERS` are the new
-    least. What waits in a queue of this node is not seen.
+    If the plate misses a SYNC, all later answers look late. So do those of a loop that is never in
+    time; the deadline of the plate ends its voltage. After as many late answers in a row as the
+    deadline has ms, their difference is taken as the smallest. A measurement that overtook its SYNC
+    looks early; if two of the last `ANSWERS` do, their difference is taken as the smallest. Frames
+    that wait in a queue of this node are not detected.
     """
 
     __slots__ = ("_ahead", "_deadline", "_early", "_history", "_in_a_row", "_syncs")
@@ -554,7 +558,7 @@ class LateAnswers:
         self.restart()
 
     def restart(self) -> None:
-        """Take the next answer for one in time, and forget those before."""
+        """Take the next answer as in time, and clear the history."""
         self._ahead: int | None = None
         self._in_a_row = self._early = self._history = 0
 
@@ -563,7 +567,7 @@ class LateAnswers:
         self._syncs = self._syncs + 1 & TICK_MASK
 
     def late(self, tick: int) -> bool:
-        """Count the answer to a tick, 0..255, that goes out next; return whether it is late."""
+        """Count the answer to a tick, 0..255, that is sent next; return whether it is late."""
         late = self._is_late(self._syncs - tick & TICK_MASK)
         self._history = (self._history << 1 | late) & _LAST
         return late

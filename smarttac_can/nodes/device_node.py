@@ -1,4 +1,4 @@
-"""A CANopen device as whoever runs it on a bus sees it: frames and time in, frames out."""
+"""A CANopen device as its runner sees it: frames and time in, frames out."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from smarttac_can.device.service import Application
 
 
 class DeviceNode(Application):
-    """Run a device; alone, its values are only held in memory, and nothing is driven.
+    """Run a CANopen device. Without a subclass it only stores values in memory and drives nothing.
 
     Parameters
     ----------
     device
-        The device, whose application is the node itself where a subclass has one.
+        Device to run. Its application is this node if a subclass overrides the callbacks.
     """
 
     def __init__(self, device: Device) -> None:
@@ -27,19 +27,19 @@ class DeviceNode(Application):
 
     @property
     def ids(self) -> Identifiers:
-        """CAN-IDs that the device listens to, and those of its urgent frames, now."""
+        """CAN-IDs that the device receives, and those of its urgent frames."""
         return self.device.ids
 
     def overtaken(self, frame: Frame) -> list[Frame]:
-        """Take a frame that waited while a newer one of its kind came; return the answers."""
+        """Take a frame that was superseded by a newer frame of its kind; return the answers."""
         return self.device.receive(frame)
 
     def overdue(self) -> list[Frame]:
-        """Act on deadlines that have passed; without an application there are none."""
+        """Act on elapsed deadlines; a device without an application has none."""
         return []
 
     def transmit_failed(self) -> list[Frame]:
-        """Act on an urgent frame that could not be sent; without an application there is none."""
+        """Act on an urgent frame that was not sent; a device without an application has none."""
         return []
 
     def bus_off(self) -> list[Frame]:
@@ -51,5 +51,5 @@ class DeviceNode(Application):
         return self.device.bus_recovered()
 
     def shutdown(self) -> list[Frame]:
-        """Leave nothing driven; return the frames that say so."""
+        """Switch off the drive; return the frames that report it."""
         return []

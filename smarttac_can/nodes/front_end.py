@@ -1,4 +1,4 @@
-"""A front end for real hardware in the place of the simulated plate: every value is checked."""
+"""Connect real hardware in place of the simulated plate, and check every value it returns."""
 
 from __future__ import annotations
 
@@ -16,37 +16,37 @@ from smarttac_can.vocabulary.plate import TimedPlate
 from smarttac_can.vocabulary.signals import Drive, Measurement
 
 STAGE_TOLERANCE: Final = 1.0
-"""Largest difference in V between what the power stage was commanded and what it reads back."""
+"""Largest difference in V between the commanded voltage of the power stage and its read-back."""
 LATE_US: Final = 500
-"""Longest time in us for a call: the other half of a tick is for frames and controllers."""
+"""Longest time in us for a call. The other half of a tick is for frames and controllers."""
 SILENT_CYCLES: Final = 2
-"""Cycles in a row without a measurement in time that are a fault; one passes. Spread ones do not
-add up here: the stimulator counts them second by second, as ticks without a cycle."""
+"""Cycles in a row without a measurement in time before the fault; a single one is accepted. Single
+ones do not add up here: the stimulator counts them in each second, as ticks without a cycle."""
 SOUND_CYCLES: Final = 20
-"""Sound cycles in a row after which a fault is forgotten."""
+"""Sound cycles in a row after which a fault is cleared."""
 UNKNOWN: Final = 1e9
-"""Voltage of a stage that has not said what it puts out; it shows as the highest there is."""
+"""Voltage of a stage whose output is unknown. Its object shows the largest possible value."""
 _GAUGES: Final = 6
 _LONGEST_SHOWN: Final = 200
 _UNHEARD: Final = "has not been heard yet"
 
 
 class FrontEnd:
-    """Ask a front end once a cycle, and find what keeps the stage from a voltage.
+    """Call a front end once per cycle, and check whether its power stage may have a voltage.
 
     Parameters
     ----------
     plate
-        The front end, timed.
+        Front end, with the time that each call took.
     od
-        Object dictionary of ``plate.eds``, whose limits a measurement has to be in.
+        Object dictionary of ``plate.eds``. Its limits apply to the measurements.
 
     Attributes
     ----------
     stage
-        What the power stage puts out, as far as it is known.
+        Output of the power stage, as far as it is known.
     trouble
-        What is wrong with it, as of when that began; empty if nothing is.
+        Reason for the fault, as it was at its beginning; empty without a fault.
     """
 
     def __init__(self, plate: TimedPlate, od: ObjectDictionary) -> None:
@@ -62,7 +62,7 @@ class FrontEnd:
         self._saturation = (int(saturation.low), int(saturation.high))
 
     def start_run(self, stage: Drive) -> None:
-        """Begin anew at 0 V; no voltage before the first measurement."""
+        """Restart at 0 V; no voltage is allowed before the first measurement."""
         self._last: Measurement | None = None
         self._silent = 0
         self._slowest = 0
@@ -71,7 +71,7 @@ class FrontEnd:
         self.switch_off(stage)
 
     def sample(self) -> Measurement | None:
-        """Return the measurement of this tick; None if there is none to believe."""
+        """Return the measurement of this tick; None if it is missing or not plausible."""
         try:
             measured = self._plate.sample()
         except KeyboardInterrupt:
@@ -106,7 +106,7 @@ class FrontEnd:
         """Do nothing: hardware moves by itself."""
 
     def put_out(self, drive: Drive) -> float:
-        """Command a drive; return the voltage in V that it reads back, `UNKNOWN` if none."""
+        """Command a drive; return the voltage in V that is read back, or `UNKNOWN`."""
         call = f"put_out() of {drive.voltage:g} V"
         voltage = UNKNOWN
         try:
@@ -131,16 +131,16 @@ class FrontEnd:
         self.put_out(stage)
 
     def repeat_zero(self) -> None:
-        """Command 0 V again to a stage that has not obeyed it."""
+        """Command 0 V again if the stage has not gone to 0 V."""
         if self._at_large:
             self.put_out(Drive(0.0, self.stage.frequency))
 
     @property
     def cause(self) -> FaultCode | None:
-        """What keeps the stage from a voltage; None if nothing does.
+        """Fault code for which the stage has to stay at 0 V; None if there is no fault.
 
-        NOT_ENABLED after two cycles in a row without a measurement in time, or anything that is
-        wrong; STAGE while it does not obey 0 V.
+        NOT_ENABLED after two cycles in a row without a measurement in time, or after any other
+        fault. STAGE while the stage does not go to 0 V.
         """
         if self._at_large:
             return FaultCode.STAGE
@@ -151,30 +151,30 @@ class FrontEnd:
         return self._commanded == 0.0 and abs(self.stage.voltage) > STAGE_TOLERANCE
 
     def on_write(self, entry: Entry, value: int) -> None:
-        """Refuse what only a simulation does.
+        """Refuse a write to an object of the simulation.
 
         Raises
         ------
         Abort
-            STATE for another value of its objects.
+            STATE if the value differs from the present one.
         """
         if entry.name.partition(".")[0] in SIMULATION and value != entry.value:
             raise Abort(AbortCode.STATE, f"{entry.name} is of the simulation, and this is hardware")
 
     def _miss(self, trouble: str) -> None:
-        """Let a cycle pass without a measurement, but not several in a row."""
+        """Tolerate one cycle without a measurement, but not two in a row."""
         self._silent += 1
         if self._silent >= SILENT_CYCLES:
             self._doubt(trouble)
 
     def _doubt(self, trouble: str) -> None:
-        """Keep the stage from a voltage until the front end was sound for a while."""
+        """Keep the stage at 0 V until the front end has been sound for `SOUND_CYCLES`."""
         self._sound_missing = SOUND_CYCLES
         if self.trouble in ("", _UNHEARD):
             self.trouble = trouble
 
     def _checked(self, measured: Any) -> Measurement:
-        """Return a measurement in Python's own numbers; ValueError for a wrong one."""
+        """Return a measurement as Python numbers; raise ValueError for an invalid one."""
         if not isinstance(measured, Measurement):
             raise ValueError(f"{_shown(measured)}, not a Measurement")
         W, gauges, temperature, saturated = measured
@@ -199,7 +199,7 @@ class FrontEnd:
 
 
 def _finite(value: object, kind: type[Complex | Real]) -> complex | None:
-    """Return a finite number of a kind, those of numpy included; None if it is none, as a bool."""
+    """Return a finite number of a kind, also of numpy; None for a bool and for any other value."""
     if not isinstance(value, kind) or isinstance(value, bool):
         return None
     try:
@@ -210,7 +210,7 @@ def _finite(value: object, kind: type[Complex | Real]) -> complex | None:
 
 
 def _shown(value: object) -> str:
-    """Return how something of a front end shows itself, if it does, and not more than a line."""
+    """Return the repr of a value from a front end, limited to one line."""
     try:
         return repr(value)[:_LONGEST_SHOWN]
     except Exception:  # noqa: BLE001 (even this is code of the front end)

@@ -1,4 +1,4 @@
-"""What no EDS, no master and no controller can go beyond: voltage, amplitude, temperature."""
+"""Hard caps of voltage, amplitude and temperature: no EDS, master or controller can exceed them."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from smarttac_can.od.units import Quantity
 from smarttac_can.vocabulary.states import LAWS, Mode
 
 VOLTAGE_MAX: Final = 200.0
-"""Of the power stage in V. An assumption, as the paper has no absolute voltage: the 150 V of the
-default limit make 7.5 um at resonance, more than twice what the pick-up can follow; the rest is
-reserve for a plate with a lower gain."""
+"""Cap of the power stage voltage in V. An assumption, as the paper gives no absolute voltage. The
+default limit of 150 V makes 7.5 um at resonance, more than twice what the pick-up can follow; the
+rest is reserve for a plate with a lower gain."""
 AMPLITUDE_MAX: Final = 3e-6
-"""Of the vibration that is asked for in m, peak-to-peak: what the loop overshoots is still seen by
-the pick-up. The paper goes to 2 um."""
+"""Cap of the amplitude set-point in m, peak-to-peak. It leaves the overshoot of the loop within the
+range of the pick-up. The paper goes to 2 um."""
 AMPLITUDE_TRIP_MAX: Final = 3.27e-6
-"""Of the vibration that ends a run in m, peak-to-peak: the pick-up ends at 3.2767 um."""
+"""Cap of the trip limit of the amplitude in m, peak-to-peak. The pick-up ends at 3.2767 um."""
 AMPLITUDE_BY_DRIVE_MAX: Final = 6e-6
-"""Of the vibration that follows from the drive and ends a run in m, peak-to-peak: under the paper's
-references the five simulated subjects need up to 4.65 um."""
+"""Cap of the trip limit of the amplitude that follows from the drive, in m, peak-to-peak. Under the
+paper's references the five simulated subjects need up to 4.65 um."""
 TEMPERATURE_MAX: Final = 80.0
-"""Of the plate in degC: the gauges, FSS1500, may be used to 85 degC by their data sheet. It keeps
-the plate whole; what a fingertip bears is less."""
+"""Cap of the plate temperature in degC. By their data sheet the gauges, FSS1500, may be used to
+85 degC. It protects the plate; a fingertip tolerates less."""
 
 _VOLTAGE: Final = Quantity(Decimal("10"), "mV")
 _AMPLITUDE: Final = Quantity(Decimal("1"), "nm")
@@ -36,12 +36,13 @@ _TEMPERATURE: Final = Quantity(Decimal("0.01"), "degC")
 
 
 class Cap(NamedTuple):
-    """An object that has to be there, in a unit, from 0 to a cap."""
+    """Object that has to exist, with its unit and its range from 0 to a cap."""
 
     name: str
     unit: Quantity
     most: float = inf
-    """In SI units; inf for what is only compared with a limit, or makes what is."""
+    """Cap in SI units; inf for a value that is only compared with a limit, or used to compute
+    one."""
 
 
 STIMULATOR_CAPS: Final = (
@@ -60,7 +61,7 @@ STIMULATOR_CAPS: Final = (
     Cap("Model.Gain per volt", _GAIN),
     Cap("Model.Data sheet gain per volt", _GAIN),
 )
-"""Of ``stimulator.eds``."""
+"""Caps of ``stimulator.eds``."""
 PLATE_CAPS: Final = (
     Cap("Drive.Voltage", _VOLTAGE, VOLTAGE_MAX),
     Cap("Stage.Voltage", _VOLTAGE, VOLTAGE_MAX),
@@ -71,17 +72,17 @@ PLATE_CAPS: Final = (
     Cap("Vibration.W_q", _PICKUP),
     Cap("Vibration.Temperature", _TEMPERATURE),
 )
-"""Of ``plate.eds``."""
+"""Caps of ``plate.eds``."""
 
 
 def require_caps(od: ObjectDictionary, caps: tuple[Cap, ...]) -> None:
-    """Refuse an object dictionary with which the device could leave its caps.
+    """Check that an object dictionary keeps the device within its caps.
 
     Raises
     ------
     ValueError
-        An object is missing, no integer, of another unit, or its limits or its default are outside
-        0..cap for some node-ID; one line that names it, the value and the cap.
+        An object is missing, is no integer or has another unit, or its limits or its default are
+        outside 0..cap or depend on the node-ID. One line names the object, the value and the cap.
     """
     for cap in caps:
         try:
@@ -94,7 +95,7 @@ def require_caps(od: ObjectDictionary, caps: tuple[Cap, ...]) -> None:
 
 
 def require_choices(od: ObjectDictionary) -> None:
-    """Raise ValueError if an object could choose a mode or a law that there is not."""
+    """Raise ValueError if an object accepts a mode or a law that does not exist."""
     for name, choices in (("Mode", Mode), *LAWS.items()):
         most = max(choices)
         if od[name].high > most:

@@ -1,6 +1,6 @@
-"""Limits and watches may become stricter under a drive, never laxer, at either node.
+"""Limits and watchdogs may be tightened while a drive is possible, but not relaxed.
 
-Laxer is what lets more happen, or notices it later.
+This holds for both nodes. To relax means to allow more, or to detect a fault later.
 """
 
 from __future__ import annotations
@@ -39,15 +39,15 @@ _LAST_NODE: Final = 127
 
 
 class Rule(NamedTuple):
-    """What is laxer."""
+    """Rule that tells which writes relax an object."""
 
     text: str
     forbids: Callable[[int, int], bool]
-    """Whether it is so, by the present and the new raw value."""
+    """Function of the present and the new raw value: whether the write relaxes the object."""
 
 
 def watched_node(watch: int) -> int:
-    """Return the node-ID that an entry of the heartbeat consumer watches, 0 for none."""
+    """Return the node-ID that an entry of the heartbeat consumer supervises, 0 for none."""
     node_id, time = watch >> 16 & 0xFF, watch & 0xFFFF
     return node_id if time and node_id <= _LAST_NODE else 0
 
@@ -71,26 +71,26 @@ OTHER: Final = Rule("any but the present value", lambda present, value: value !=
 
 
 class Place(NamedTuple):
-    """Objects of the communication profile, and what is laxer for them."""
+    """Objects of the communication profile, and the rule for them."""
 
     first: int
     last: int
     rule: Rule
     subindices: tuple[int, ...] = ()
-    """Those meant; none stands for all."""
+    """Sub-indices to which the rule applies; empty for all."""
 
 
 class Table(NamedTuple):
-    """What is laxer at a node."""
+    """Rules of one node."""
 
     by_name: Mapping[str, Rule]
-    """For the members of a record, and for those that differ."""
+    """Rules by object or record name; the name of an object precedes that of its record."""
     by_index: tuple[Place, ...]
-    """For SYNC, guarding, heartbeats, and the PDOs of a drive."""
+    """Rules for SYNC, guarding, heartbeats, and the PDOs of a drive."""
 
 
 def _wiring(communication: int, pdos: Sequence[int]) -> Place:
-    """Return the place of communication records: a TPDO's, or COB-ID and type of an RPDO's."""
+    """Return the place of PDO communication records: all of a TPDO, COB-ID and type of an RPDO."""
     first, last = communication + pdos[0] - 1, communication + pdos[-1] - 1
     parts = (PDO_COB_ID, PDO_TRANSMISSION) if communication == RPDO_COMMUNICATION else ()
     return Place(first, last, OTHER, parts)
@@ -98,13 +98,13 @@ def _wiring(communication: int, pdos: Sequence[int]) -> Place:
 
 _LAST_RPDO: Final = RPDO_COMMUNICATION + MEASUREMENT_RPDOS[-1] - 1
 _LAST_PUBLIC_RPDO: Final = MEASUREMENT_RPDOS[0] - 1
-"""The mappings of the loop's own PDOs are constant."""
+"""Last RPDO with a variable mapping. The mappings of the loop's own PDOs are constant."""
 _DRIVE: Final = RPDO_COMMUNICATION + DRIVE_RPDO - 1
 _COMMON: Final = (
     Place(SYNC_COB_ID, SYNC_PERIOD, OTHER),
     Place(GUARD_TIME, LIFE_TIME_FACTOR, LONGER),
     Place(EMCY_COB_ID, EMCY_COB_ID, OTHER),
-    # A heartbeat puts an end to guarding.
+    # A producer heartbeat disables life guarding.
     Place(HEARTBEAT_PRODUCER, HEARTBEAT_PRODUCER, OTHER),
     Place(HEARTBEAT_CONSUMER, HEARTBEAT_CONSUMER, ELSEWHERE),
 )
@@ -126,34 +126,34 @@ OF_STIMULATOR: Final = Table(
         _wiring(TPDO_COMMUNICATION, (DRIVE_TPDO,)),
     ),
 )
-"""While armed or running; its public TPDOs are free."""
+"""Rules of the stimulator while armed or running. They do not cover its public TPDOs."""
 OF_PLATE: Final = Table(
     {LIMIT: HIGHER},
     (
         *_COMMON,
         _wiring(RPDO_COMMUNICATION, (DRIVE_RPDO,)),
-        # Of the drive, 0 is no time at all.
+        # For the drive a deadline of 0 means no time at all.
         Place(_DRIVE, _DRIVE, HIGHER, (PDO_EVENT,)),
         _wiring(TPDO_COMMUNICATION, MEASUREMENT_TPDOS),
     ),
 )
-"""While its power stage is in use."""
+"""Rules of the plate while its power stage is in use."""
 
 
 class Lock:
-    """Refuses what would be laxer.
+    """Refuse writes that relax limits or watchdogs.
 
     Parameters
     ----------
     od
         Object dictionary of the node.
     table
-        What is laxer there.
+        Rules of the node.
 
     Attributes
     ----------
     rules
-        Every entry that does not become laxer, with what laxer is.
+        Every locked entry, with its rule.
     """
 
     def __init__(self, od: ObjectDictionary, table: Table) -> None:
@@ -169,7 +169,7 @@ class Lock:
                 self.rules[entry] = rule
 
     def require(self, entry: Entry, value: Any) -> None:
-        """Raise `Abort` with STATE and the reason if a raw value is laxer than the present one."""
+        """Raise `Abort` with STATE and the reason if a raw value relaxes the present one."""
         rule = self.rules.get(entry)
         if rule is not None and rule.forbids(entry.value, value):
             raise Abort(

@@ -1,4 +1,4 @@
-"""The frames between stimulator and plate: their PDOs, their check, and how both link up."""
+"""The frames between stimulator and plate: their PDOs, their check sum, and their COB-IDs."""
 
 from __future__ import annotations
 
@@ -51,17 +51,17 @@ _TABLE: Final = _table()
 _PAIRS: Final = b"".join(
     _TABLE.translate(bytes([_TABLE[byte ^ second] for byte in range(256)])) for second in range(256)
 )
-"""The same for two bytes at a time, by the second and the first."""
+"""Table for two bytes at a time, indexed by 256 times the second byte plus the first."""
 _INVERSE: Final = bytes(_TABLE.index(byte) for byte in range(256))
-"""What the table was asked for."""
+"""Inverse of the table: the index for each value."""
 _SOUND: Final = _TABLE[0xFF] ^ 0xFF
-"""Sum of bytes whose last one is that of those before."""
+"""CRC of bytes whose last byte is the CRC of the bytes before."""
 
 
 def crc8(data: bytes) -> int:
     """Return the CRC-8 of SAE J1850: x^8 + x^4 + x^3 + x^2 + 1, from FFh on, inverted at the end.
 
-    One wrong bit, and wrong bits within 8 in a row, are always found.
+    All single-bit errors and all error bursts of up to 8 bits are detected.
     """
     crc = _START
     size = len(data)
@@ -78,22 +78,22 @@ def _pairs_of(size: int) -> Callable[[bytes], tuple[int, ...]]:
 
 
 class CheckedFrames:
-    """Layout of the frames of one drive, or of one measurement, whose last byte is a check sum.
+    """Layout of the frames of one drive or one measurement, whose last byte is a check sum.
 
     Parameters
     ----------
     mapped
-        Integers in the order of the bus. The last one, an UNSIGNED8, is the check sum of the
-        others, and of what is not sent.
+        Mapped entries in the order of the bus. The last one, an UNSIGNED8, is the check sum of the
+        other values and of bytes that are not sent.
 
     Attributes
     ----------
     entries
-        Those without the check sum.
+        Entries without the check sum.
     check
         Entry of the check sum.
     unpack
-        Returns the values in the concatenated bytes, the check sum last.
+        Function that returns the values in the concatenated bytes, the check sum last.
     """
 
     __slots__ = ("_mapped", "_pack", "check", "entries", "unpack")
@@ -102,37 +102,37 @@ class CheckedFrames:
         self._mapped = mapped
         *entries, self.check = mapped
         self.entries = tuple(entries)
-        # Little-endian, as a PDO.
+        # Little-endian, as in a PDO.
         code = "<" + "".join([_FORMATS[entry.data_type] for entry in entries])
         self._pack: Callable[..., bytes] = Struct(code).pack
         self.unpack: Callable[[bytes], tuple[int, ...]] = Struct(f"{code}B").unpack
 
     def write_check(self, unsent: bytes = b"") -> None:
-        """Set the check sum to that of the present values of the entries.
+        """Set the check sum of the present values of the entries.
 
         Parameters
         ----------
         unsent
-            Bytes that both ends know, and that the check sum covers, too.
+            Bytes that both nodes know. The check sum covers them, too.
         """
         body = self._pack(*[entry.value for entry in self.entries])
         self.check.value = crc8(body + unsent)
 
     def keep(self, values: tuple[int, ...]) -> None:
-        """Set the entries to the values of all frames, the check sum last."""
+        """Set the entries to the values of all frames; the check sum is the last value."""
         for entry, value in zip(self._mapped, values, strict=True):
             entry.value = value
 
 
 def is_sound(data: bytes) -> bool:
-    """Return whether the last byte is the check sum of those before, with nothing unsent."""
+    """Return whether the last byte is the check sum of the bytes before, without unsent bytes."""
     return crc8(data) == _SOUND
 
 
 def last_unsent(data: bytes, before: bytes) -> int:
-    """Return the byte not sent that makes the last byte the sum, behind others that are known.
+    """Return the unsent byte with which the last byte is the check sum, after other unsent bytes.
 
-    There is exactly one: a sum that is wrong gives another.
+    There is exactly one such byte; corrupt data give a wrong one.
     """
     return _INVERSE[data[-1] ^ 0xFF] ^ crc8(data[:-1] + before) ^ 0xFF
 
@@ -146,31 +146,32 @@ DRIVE_TPDO: Final = 5
 DRIVE_RPDO: Final = 1
 """PDO in which the plate receives it."""
 HARDWARE_RPDO: Final = 2
-"""PDO in which the plate hears hardware that watches its power stage; not valid by default."""
+"""PDO in which the plate receives data of hardware that supervises its power stage; not valid by
+default."""
 PLATE_RPDOS: Final = (DRIVE_RPDO, HARDWARE_RPDO)
-"""All that the plate has."""
+"""All RPDOs of the plate."""
 
 LATCHED: Final = 0x80
-"""Added to the node-ID of a drive's sender while it is in FAULT."""
+"""Value that is added to the node-ID of a drive's sender while the sender is in FAULT."""
 
 
 def sent_measurement(plate: ObjectDictionary) -> CheckedFrames:
-    """Return what the plate puts into a measurement."""
+    """Return the layout of the measurement that the plate sends."""
     return _mapped(plate, TPDO_MAPPING, MEASUREMENT_TPDOS, Direction.TRANSMIT)
 
 
 def received_measurement(stimulator: ObjectDictionary) -> CheckedFrames:
-    """Return where the stimulator finds a measurement."""
+    """Return the layout of the measurement that the stimulator receives."""
     return _mapped(stimulator, RPDO_MAPPING, MEASUREMENT_RPDOS, Direction.RECEIVE)
 
 
 def sent_drive(stimulator: ObjectDictionary) -> CheckedFrames:
-    """Return what the stimulator puts into a drive."""
+    """Return the layout of the drive that the stimulator sends."""
     return _mapped(stimulator, TPDO_MAPPING, (DRIVE_TPDO,), Direction.TRANSMIT)
 
 
 def received_drive(plate: ObjectDictionary) -> CheckedFrames:
-    """Return where the plate finds a drive."""
+    """Return the layout of the drive that the plate receives."""
     return _mapped(plate, RPDO_MAPPING, (DRIVE_RPDO,), Direction.RECEIVE)
 
 
@@ -187,21 +188,23 @@ def _mapped(
 
 
 _FIRST_SERIAL: Final = 1
-"""That of the packaged EDS files."""
+"""Default serial number in the packaged EDS files."""
 _FIRST_NODE_ID: Final = 33
 _PLATE_HEARTBEAT_MS: Final = 2000
-"""Four heartbeats of a plate that has not been configured."""
+"""Four heartbeat periods of a plate that has not been configured."""
 
 
 def plate_serial(entry: Entry, node_id: int) -> int:
-    """Return the serial number of a plate, or that which its calibration is for.
+    """Return the serial number of a plate, or of the plate that a calibration is for.
 
     Parameters
     ----------
     entry
-        Holds it; a default that is not that of the packaged EDS is the answer.
+        Entry of the serial number. A default other than that of the packaged EDS is returned as it
+        is.
     node_id
-        Of the plate, 1..127: no two simulated ones on a bus have one number; that of 33 has 1.
+        Node-ID of the plate, 1..127. It gives a simulated plate its number, so that no two on a bus
+        have the same; node 33 has number 1.
     """
     default = int(entry.default)
     simulated = (node_id - _FIRST_NODE_ID) % 127 + _FIRST_SERIAL
@@ -209,16 +212,16 @@ def plate_serial(entry: Entry, node_id: int) -> int:
 
 
 def expect_plate(od: ObjectDictionary, plate: int, deadline_ms: int | None) -> None:
-    """Set the defaults of a stimulator to those for a plate node.
+    """Set the defaults of a stimulator for a plate node.
 
     Parameters
     ----------
     od
-        Object dictionary of ``stimulator.eds``, of a node that was not started yet.
+        Object dictionary of ``stimulator.eds``, of a node that is not started yet.
     plate
         Node-ID of the plate node, 1..127.
     deadline_ms
-        Default of the event timers of the measurements; None for that of the EDS.
+        Default of the event timers of the measurements in ms; None for the default of the EDS.
     """
     if deadline_ms is not None:
         set_deadline(od, MEASUREMENT_RPDOS, deadline_ms)
@@ -229,11 +232,12 @@ def expect_plate(od: ObjectDictionary, plate: int, deadline_ms: int | None) -> N
 def links_to_plate(
     od: ObjectDictionary, plate: int, produce_sync: bool
 ) -> Iterator[tuple[Entry, int]]:
-    """Yield what links a stimulator to a plate and has its default, with the value it should have.
+    """Yield the entries that link a stimulator to a plate, each with the value it should have.
 
     These are the COB-IDs of the PDOs of the loop, the period of SYNC and its producer bit, and the
-    watch of the plate's heartbeat. A value that a master has written or stored stays, unless it is
-    the default: a master that downloads the defaults of the EDS file means no other plate.
+    consumer heartbeat time of the plate. Only entries that have their default are included: what a
+    master has written or stored stays. A master that downloads the defaults of the EDS file does
+    not ask for another plate.
 
     Parameters
     ----------

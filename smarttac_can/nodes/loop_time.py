@@ -1,4 +1,4 @@
-"""Time of the loop: its tick is 1 ms, its deadline an event timer, and ticks may go by unused."""
+"""Timing of the loop: its tick of 1 ms, its deadline from event timers, and missed ticks."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from smarttac_can.vocabulary.signals import TICK_US
 from smarttac_can.vocabulary.watchdogs import sync_tolerance, sync_window
 
 TICKS: Final = 1000
-"""Ticks over which they are counted: a second."""
+"""Ticks over which missed ticks are counted: 1 s."""
 _IDLE: Final = -1
 _STANDSTILL: Final = 3
-"""Ticks without a sign of life from which on a node did not run: a slow cycle takes 1 to 2."""
+"""Ticks without activity from which on the node stood still. A slow cycle takes 1 to 2."""
 _MOSTLY: Final = 0.5
 _PAUSES: Final = (
     "start the node with --realtime, end other programs, or take a computer that is not shared"
@@ -33,16 +33,16 @@ _SLOW: Final = (
 
 
 def set_deadline(od: ObjectDictionary, rpdos: tuple[int, ...], milliseconds: int) -> None:
-    """Set another default of the event timers of RPDOs than that of the EDS.
+    """Set the default of the event timers of RPDOs in place of the default of the EDS.
 
     Parameters
     ----------
     od
-        Object dictionary of a node that was not started yet.
+        Object dictionary of a node that is not started yet.
     rpdos
-        Numbers of the RPDOs of its loop.
+        Numbers of the RPDOs of the loop.
     milliseconds
-        Within the limits of the entries.
+        Time in ms, within the limits of the entries.
     """
     for entry in deadlines(od, rpdos):
         entry.check(milliseconds)
@@ -55,23 +55,24 @@ def deadlines(od: ObjectDictionary, rpdos: tuple[int, ...]) -> list[Entry]:
 
 
 class Deadline:
-    """How long a loop may be without what is to come every tick.
+    """Longest time that a loop may be without the data of a tick.
 
     Parameters
     ----------
     od
         Object dictionary of the node.
     rpdos
-        Numbers of the RPDOs whose shortest event timer it is.
+        Numbers of the RPDOs. The shortest of their event timers is the deadline.
 
     Attributes
     ----------
     ms
-        In ms, as of the last `configure`.
+        Deadline in ms, as of the last `configure`.
     window
-        Periods over which SYNCs are counted under it.
+        Number of periods over which SYNCs are counted with this deadline.
     tolerance
-        How many SYNCs, or measurements, too many or too few are then no fault.
+        Number of SYNCs, or of measurements, too many or too few that is no fault with this
+        deadline.
     """
 
     __slots__ = ("_entries", "ms", "tolerance", "window")
@@ -81,25 +82,25 @@ class Deadline:
         self.configure()
 
     def configure(self) -> None:
-        """Read the event timers; for when parameters have changed."""
+        """Read the event timers; called after parameters have changed."""
         self.ms = int(min([entry.value for entry in self._entries]))
         self.window = sync_window(self.ms)
         self.tolerance = sync_tolerance(self.ms)
 
     def with_write(self, entry: Entry, value: int) -> int | None:
-        """Return what it would be in ms after a write; None if the entry is none of its own."""
+        """Return the deadline in ms after a write; None if the entry is not one of its timers."""
         if entry not in self._entries:
             return None
         return min(value, *(int(other.value) for other in self._entries if other is not entry))
 
 
 class LoopPeriod:
-    """Guard of a loop over the bus, whose tick is the public SYNC.
+    """Check that the communication cycle period of SYNC, the tick of the loop, is 1000 us.
 
     Parameters
     ----------
     device
-        Reports the emergency 6300h while its communication cycle period is not 1000 us.
+        Device of the node. It sends the emergency 6300h while the period is another one.
     """
 
     def __init__(self, device: Device) -> None:
@@ -121,9 +122,9 @@ class LoopPeriod:
 
 
 class MissedTime:
-    """Compares cycles with device time.
+    """Count the ticks without a cycle, by comparing cycles with device time.
 
-    A cycle that comes late is none that is missed; one that never comes is.
+    A late cycle is not missed; a cycle that never takes place is.
 
     Parameters
     ----------
@@ -137,13 +138,13 @@ class MissedTime:
         self.restart()
 
     def restart(self) -> None:
-        """Begin with the next cycle."""
+        """Restart the count with the next cycle."""
         self._begun = _IDLE
         self._cycles = self._stood = 0
         self._summary = ""
 
     def awake(self) -> None:
-        """Take a sign of life: the node runs, whether or not it has a cycle."""
+        """Record that the node is active, with or without a cycle."""
         now = self._clock.now
         gap = (now - self._awake) // TICK_US
         if gap >= _STANDSTILL:
@@ -151,18 +152,18 @@ class MissedTime:
         self._awake = now
 
     def summary(self) -> str:
-        """Return what the last whole second missed, why, and what helps; empty before one."""
+        """Return how many ticks the last full second missed, why, and what to do; empty if none."""
         return self._summary
 
     @property
     def missed(self) -> int:
-        """Ticks of this second that were missed so far."""
+        """Ticks that were missed so far in this second."""
         if self._begun == _IDLE:
             return 0
         return max(0, (self._clock.now - self._begun) // TICK_US - self._cycles)
 
     def cycle(self) -> int:
-        """Take a cycle; return how many ticks were missed if a second ends with it, else 0."""
+        """Take a cycle; return the number of missed ticks if it ends a second, else 0."""
         now = self._clock.now
         if self._begun == _IDLE:
             self._begun = self._awake = now

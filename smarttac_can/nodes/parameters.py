@@ -1,4 +1,4 @@
-"""What the parameters of a stimulator mean to a cycle: plans, textures, model and gauge zeros."""
+"""Convert the parameters of a stimulator to plans, textures, the model and gauge zeros."""
 
 from __future__ import annotations
 
@@ -48,18 +48,18 @@ _FIELDS: Final = {
     "Limit.Lowest frequency": "f_min",
     "Limit.Highest frequency": "f_max",
 }
-"""Objects that are a parameter each; those of the calibration make up two together."""
+"""Objects that are one parameter each. Those of the calibration are combined to two parameters."""
 _Quantity = Callable[[str], float]
-"""Value of an object in SI units by its name."""
+"""Function that returns the value of an object in SI units by its name."""
 
 
 def mend_settings(od: ObjectDictionary) -> bool:
-    """Put the parameters of the cascade back to their defaults if they contradict each other.
+    """Reset the parameters of the cascade to their defaults if they contradict each other.
 
     Returns
     -------
     bool
-        Whether they did.
+        Whether they contradicted each other.
     """
     try:
         cascade_parameters(od)
@@ -72,11 +72,11 @@ def mend_settings(od: ObjectDictionary) -> bool:
 
 
 UNTARED: Final[Forces] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-"""Zero of the gauges before there is one."""
+"""Zero of the gauges before the first tare."""
 
 
 class Plans(NamedTuple):
-    """What controllers and watchdogs go by."""
+    """Plans of controllers and watchdogs, and what they are built from."""
 
     parameters: CascadeParameters
     model: PlateModel
@@ -85,16 +85,16 @@ class Plans(NamedTuple):
 
 
 class Present(NamedTuple):
-    """What plans are built from beside the object dictionary."""
+    """Present state from which plans are built, in addition to the object dictionary."""
 
     model: PlateModel
-    """In force; another one than it is not identified."""
+    """Model in force. A model that differs from it counts as not identified."""
     zero: Forces
-    """In force, for a plate that was never tared."""
+    """Zero in force, used if the zeros in the object dictionary are all 0."""
     texture: Texture
-    """What is to play."""
+    """Texture to play."""
     deadline_ms: int
-    """Of the loop over the bus; 3 with the plate inside."""
+    """Deadline of the loop over the bus in ms; 3 with the plate inside."""
 
 
 def build_plans(
@@ -107,9 +107,9 @@ def build_plans(
     od
         Object dictionary of ``stimulator.eds``.
     present
-        All else.
+        Present state outside the object dictionary.
     written, raw
-        An entry with the raw value that it is about to take; None for the object dictionary as it
+        Entry that is about to be written, and its raw value; None for the object dictionary as it
         is.
 
     Raises
@@ -139,7 +139,7 @@ def build_plans(
 
 
 def cascade_parameters(od: ObjectDictionary) -> CascadeParameters:
-    """Build the parameters of the cascade.
+    """Build the parameters of the cascade from the object dictionary.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ def _parameters(value: Callable[[str], Any], si: _Quantity) -> CascadeParameters
 
 
 def plate_model(od: ObjectDictionary) -> PlateModel:
-    """Build the model of the plate that the object dictionary holds."""
+    """Build the model of the plate from the object dictionary."""
     return _model(lambda name: od[name].si_value)
 
 
@@ -190,7 +190,7 @@ def _model(si: _Quantity) -> PlateModel:
 
 
 def keep_model(od: ObjectDictionary, model: PlateModel) -> None:
-    """Write a model to the object dictionary, rounded as it stands there."""
+    """Write a model to the object dictionary, rounded to the resolution of its objects."""
     for name, value in (
         ("Gain per volt", model.gain),
         ("Tau", model.tau),
@@ -204,7 +204,7 @@ def keep_model(od: ObjectDictionary, model: PlateModel) -> None:
 
 
 class TextureSlots:
-    """Refuses tables that cannot be played before they replace what is there.
+    """Store the texture tables, and refuse tables that cannot be played.
 
     Parameters
     ----------
@@ -221,9 +221,9 @@ class TextureSlots:
         self._tables: dict[Entry, TextureTable | None] = dict.fromkeys(self._entries)
 
     def reload(self) -> None:
-        """Take the values of the objects; one that cannot be played is emptied.
+        """Load the tables from the objects, and clear those that cannot be played.
 
-        It was stored by a version with other bounds: what is written is looked at before.
+        Only a version with other bounds can have stored such a table, as every write is checked.
         """
         for entry in self._entries:
             try:
@@ -233,24 +233,24 @@ class TextureSlots:
                 entry.value = entry.default
 
     def chosen(self, written: Entry | None = None, raw: Any = None) -> Texture:
-        """Return what is in the slot that is chosen, after a write if one is given.
+        """Return the texture in the chosen slot, as it is after a write if one is given.
 
-        `NO_TEXTURE` if it is empty.
+        An empty slot gives `NO_TEXTURE`.
         """
         slot = raw if written is self._slot else self._slot.value
         table = self._tables[self._entries[slot - 1]]
         return NO_TEXTURE if table is None else texture_of(table)
 
     def on_write(self, entry: Entry, value: Any) -> None:
-        """Look at a write before it is made; what is accepted plays from the next cycle on.
+        """Check a write before it is made; an accepted table plays from the next cycle on.
 
-        No bytes empty a slot.
+        Writing no bytes clears a slot.
 
         Raises
         ------
         Abort
-            VALUE for what is no table that can be played, STATE for emptying the slot that is
-            played, NO_DATA for playing an empty one; with the reason.
+            VALUE for a table that cannot be played, STATE for clearing the slot that is being
+            played, NO_DATA for playing an empty slot; with the reason.
         """
         if entry in self._tables:
             self._take(entry, value)
@@ -282,7 +282,7 @@ class TextureSlots:
 
 
 class ModelSheet:
-    """The record *Model* of the object dictionary: the model in force is the one read there.
+    """The record *Model* of the object dictionary. It holds the model in force.
 
     Parameters
     ----------
@@ -297,12 +297,12 @@ class ModelSheet:
         self._progress = od["Model.Progress"]
 
     def follow(self, cascade: Cascade) -> bool:
-        """Show how far an identification is, and keep its model at its end.
+        """Show the progress of an identification, and store its model at the end.
 
         Returns
         -------
         bool
-            Whether the model is another one, or is believed for another reason.
+            Whether the model, or the state of its identification, has changed.
         """
         identification = cascade.identification
         if identification is None:
@@ -317,17 +317,17 @@ class ModelSheet:
         return True
 
     def show_written(self, model: PlateModel) -> None:
-        """Show a model that was written: another one than before is not identified."""
+        """Show a model that was written and differs from the one before, as not identified."""
         self._state.value = int(IdentificationState.IDLE)
         self._show_quality(model)
 
     def _show_quality(self, model: PlateModel) -> None:
-        """Show how narrow the resonance is."""
+        """Show the quality factor of the resonance."""
         self._quality.value = self._quality.quantise(model.quality)
 
 
 class NullWindow:
-    """The null that each gauge had when it was calibrated, and how far it may have drifted.
+    """Check of gauge nulls: their values at calibration, and how far they may drift.
 
     Parameters
     ----------
@@ -340,12 +340,13 @@ class NullWindow:
         self._nulls = [od[f"{NULL}.Null of S{number}"] for number in range(1, 7)]
 
     def require(self, zeros: Forces) -> None:
-        """Refuse zeros in N of which one is outside.
+        """Check zeros in N against the nulls at calibration.
 
         Raises
         ------
         ValueError
-            In one line with the gauge that is furthest off, its reading and the window.
+            A zero is outside the window. One line names the gauge that is furthest off, its reading
+            and the window.
         """
         off = [zero - null.si_value for zero, null in zip(zeros, self._nulls, strict=True)]
         worst = max(range(len(off)), key=lambda at: abs(off[at]))
@@ -362,14 +363,14 @@ def _mN(newton: float) -> str:
 
 
 class Taring:
-    """Has the zeros in force be those that can be read, and stored.
+    """Tare the gauges, and keep the zeros in force, in the objects and in storage the same.
 
     Parameters
     ----------
     od
         Object dictionary of ``stimulator.eds``.
     supervisor
-        Inhibits a tare, and records a zero.
+        Supervisor that inhibits a tare, and that records a zero.
     """
 
     def __init__(self, od: ObjectDictionary, supervisor: Supervisor) -> None:
@@ -380,24 +381,24 @@ class Taring:
         self._cycles = od["Cycle.Cycles"]
 
     def begin(self, cascade: Cascade) -> None:
-        """Begin a run with the zeros of the objects; without any, the tare at power-on is due."""
+        """Start a run with the zeros of the objects; without any, tare at power-on if enabled."""
         self._awaited = bool(self._at_power_on.value)
         self._from = TARE_SAMPLES
         self.restore(cascade)
 
     def restore(self, cascade: Cascade) -> None:
-        """Put the zeros of the objects in force; all of them 0 stand for a plate never tared."""
+        """Put the zeros of the objects in force, unless all are 0, as before the first tare."""
         if any(entry.value for entry in self._zeros):
             self._put_in_force(cascade)
 
     def tare_when_due(self, cascade: Cascade) -> None:
-        """Make the tare at power-on if it is awaited, and there are samples for it."""
+        """Tare at power-on as soon as this is due and there are enough samples."""
         due = self._awaited and self._cycles.value >= self._from
         if due and not self._supervisor.tare_inhibited:
             try:
                 self._tare(cascade)
             except ValueError as error:
-                # The next samples may be without a finger.
+                # A finger may have touched; the next samples may be without it.
                 self._from += TARE_SAMPLES
                 self._supervisor.refuse(TARE, str(error))
 
@@ -407,8 +408,8 @@ class Taring:
         Raises
         ------
         Abort
-            VALUE for a wrong signature; STATE where a tare is barred, without enough samples, and
-            with a null outside its window. With the reason.
+            VALUE for a wrong signature. STATE if a tare is inhibited, if there are too few samples,
+            or if a null is outside its window. With the reason.
         """
         if signature != ZERO:
             raise Abort(

@@ -27,27 +27,27 @@ from smarttac_can.vocabulary.signals import Drive, Measurement
 
 _NEVER: Final = -1
 _FINGERS: Final = (*SUBJECTS, *(fitted.subject for fitted in FITTED))
-"""What *Simulation.Subject* numbers, from 1."""
+"""Simulated subjects, in the order of *Simulation.Subject*, which counts from 1."""
 
 
 class SimulatedPlate:
-    """The plate of the records `SIMULATION`, which moves by samples alone.
+    """The simulated plate of the records `SIMULATION`, which only `sample` and `move` step.
 
     Parameters
     ----------
     od
         Object dictionary of ``plate.eds``.
     recording
-        The finger of motion 2; without one, that motion is refused.
+        Finger of motion 2; None to refuse this motion.
 
     Attributes
     ----------
     plate
-        The plate of the present run.
+        Simulated plate of the present run.
     stage
-        What the power stage puts out.
+        Output of the power stage.
     cause, trouble
-        None and nothing: a simulation is heard.
+        Always None and empty: a simulated plate has no fault of a front end.
     """
 
     cause: FaultCode | None = None
@@ -61,7 +61,7 @@ class SimulatedPlate:
         ]
 
     def start_run(self, stage: Drive) -> None:
-        """Begin anew: a plate at rest at ambient temperature, with a drive of 0 V."""
+        """Restart with a plate at rest at ambient temperature, and a drive of 0 V."""
         od = self._od
         self.plate = Plate(
             PlateParameters(),
@@ -79,12 +79,12 @@ class SimulatedPlate:
         self._old = self.stage = stage
 
     def sample(self) -> Measurement:
-        """Step from the tick before with the drive that came since, and sample the sensors."""
+        """Step to the present tick with the drive received since the last; sample the sensors."""
         self.move()
         return self.plate.sample()
 
     def move(self) -> None:
-        """Step from the tick before with the drive that came since."""
+        """Step to the present tick with the drive received since the last one."""
         if self._fault_in >= 0:
             self._approach_fault()
         if self._moving:
@@ -93,18 +93,18 @@ class SimulatedPlate:
         self._moving = True
 
     def put_out(self, drive: Drive) -> float:
-        """Put a drive out from the end of the dead time on; return the voltage read back in V."""
+        """Put out a drive at the end of the dead time; return the voltage read back in V."""
         voltage = self._power_stage.put_out(drive.voltage)
         self.stage = drive if voltage == drive.voltage else Drive(voltage, drive.frequency)
         return voltage
 
     def switch_off(self, stage: Drive) -> None:
-        """Put a drive of 0 V out, now."""
+        """Put out a drive of 0 V immediately."""
         self._old = stage
         self.stage = stage
 
     def repeat_zero(self) -> None:
-        """Do nothing: at 0 V a simulated stage obeys."""
+        """Do nothing: a simulated stage always obeys 0 V."""
 
     def on_write(self, entry: Entry, value: int) -> None:
         """Act on a write before it is made.
@@ -112,8 +112,8 @@ class SimulatedPlate:
         Raises
         ------
         Abort
-            STATE for the recorded finger where there is no recording; VALUE for a fault that
-            makes no sense.
+            STATE for the motion of a recorded finger without a recording; VALUE for an invalid
+            fault.
         """
         if entry.name == FAULT_KIND:
             self._set_fault(FaultKind(value))
@@ -123,12 +123,12 @@ class SimulatedPlate:
             self._put_weight({entry: value})
 
     def _put_weight(self, written: dict[Entry, int]) -> None:
-        """Put on the weight that the objects describe, some with what is about to be written."""
+        """Put the weight of the objects on the plate; values about to be written replace some."""
         values = {entry: entry.value for entry in self._of_weight} | written
         self.plate.put(Weight(*(entry.si * value for entry, value in values.items())))
 
     def _set_fault(self, kind: FaultKind) -> None:
-        """Take sensor, value and delay from the object dictionary; what was broken is mended."""
+        """Clear the present fault, and read sensor, value and delay of the new one."""
         od = self._od
         fault = Fault(kind, od["Fault.Sensor"].value, od["Fault.Value"].value)
         try:
@@ -141,7 +141,7 @@ class SimulatedPlate:
         self._fault_in = od["Fault.Delay in cycles"].value if kind else _NEVER
 
     def _approach_fault(self) -> None:
-        """Break what is due to break before the coming step."""
+        """Count the delay down, and inject the fault at its end, before the coming step."""
         self._fault_in -= 1
         if self._fault_in >= 0:
             return
@@ -169,14 +169,14 @@ class SimulatedPlate:
 
 
 TICK_MASK: Final = 0xFF
-"""Bits of the tick count in a frame: 8."""
-# What every cycle asks for stands here: looking a member of an enumeration up costs much more.
+"""Mask of the tick count in a frame, 8 bits."""
+# Needed in every cycle: module constants, as looking up an enumeration member is much slower.
 _IN_USE: Final = StageState.IN_USE
 _INHIBITED: Final = (StageState.WAITING, StageState.TRIPPED)
 
 
 class Taken(Enum):
-    """What became of a drive."""
+    """Result of a drive."""
 
     NOT = "ignored"
     LATE = "taken; it was not in time"
@@ -190,36 +190,35 @@ _COUNTS: Final = ("Cycle.Ticks", "Cycle.Lost drives", "Cycle.Foreign ticks", "Cy
 class PlateBlock:
     """The plate of the objects of ``plate.eds``: the simulated one, or a front end.
 
-    The simulated plate moves by calls of `cycle` and by nothing else, so a run gives the same
-    numbers at any pace. It knows nothing of the bus: the plate node calls it, and so does a
-    stimulator that has the plate inside.
+    The simulated plate moves only by calls of `cycle`, so a run gives the same numbers at any pace.
+    It does not know the bus: the plate node calls it, or a stimulator with the plate inside.
 
     Parameters
     ----------
     od
         Object dictionary of ``plate.eds``.
     recording
-        The finger of motion 2; without one, that motion is refused.
+        Finger of motion 2; None to refuse this motion.
     front_end
-        What takes the place of the simulated plate.
+        Front end that replaces the simulated plate; None to simulate.
 
     Raises
     ------
     ValueError
-        If the object dictionary goes beyond the hard caps.
+        The object dictionary goes beyond the hard caps.
 
     Attributes
     ----------
     backend
-        The simulated plate, or the front end with its checks.
+        Simulated plate, or front end with its checks.
     state
-        State of the power stage, to read only; `inhibit` and drives change it.
+        State of the power stage, read-only; `inhibit` and drives change it.
     session
-        What the second tick of a measurement is ahead of the first, 0..255.
+        Session number, 0..255: the second tick of a measurement minus the first.
     instant_us
-        When a drive is in force, in us after its tick; 0 stands for on arrival.
+        Time in us from a tick until its drive is in force; 0 for immediately on arrival.
     commanded
-        What the power stage is commanded, in V; it may put out something else.
+        Commanded voltage of the power stage in V; the stage may put out another one.
     """
 
     def __init__(
@@ -254,7 +253,7 @@ class PlateBlock:
         self.start_run()
 
     def start_run(self) -> None:
-        """Begin anew: a plate at rest, tick 0 next, no drive."""
+        """Restart with a plate at rest, without a drive; the next tick is 0."""
         self.instant_us = self.od["Simulation.Drive instant"].value
         stage = Drive(0.0, self._frequency.si_value)
         self.backend.start_run(stage)
@@ -269,17 +268,17 @@ class PlateBlock:
         self._stage_shown.row = stage
 
     def cycle(self, *, overtaken: bool = False) -> bool:
-        """Step to the next tick with the drive that arrived, and sample the sensors there.
+        """Step to the next tick with the drive that was received, and sample the sensors there.
 
         Parameters
         ----------
         overtaken
-            Whether nothing is to be sampled, as the next tick waits already.
+            Whether to skip sampling, because the next tick is already due.
 
         Returns
         -------
         bool
-            Whether there is a measurement; the simulated plate always has one.
+            Whether there is a measurement; always True for a simulated plate that samples.
         """
         if self._moving and self.state is _IN_USE and not self._answered:
             self._lost.count()
@@ -303,23 +302,25 @@ class PlateBlock:
         return True
 
     def take_drive(self, *, latched: bool = False) -> Taken:
-        """Take the drive in the object dictionary if it answers this tick, or the one before.
+        """Take the drive in the object dictionary if it answers this tick or the one before.
 
-        A late answer is better than a voltage in force, which is older. Anything else, a second
-        answer or an overtaken one included, is ignored and counted; a voltage while barred is only
-        ignored. 0 V is always taken, and ends the inhibit, unless its sender is in FAULT.
+        A drive for the tick before is late, but still newer than the drive in force. Any other
+        drive, also a second or superseded one, is ignored and counted as foreign. While inhibited,
+        a voltage is ignored without being counted. 0 V is always taken; it ends the inhibit unless
+        its sender is in FAULT.
 
         Parameters
         ----------
         latched
-            Whether 0 V inhibits the stage: its sender is in FAULT, or hardware does not enable.
+            Whether 0 V inhibits the stage, because its sender is in FAULT or hardware does not
+            enable the stage.
         """
         in_time = self._drive_tick.value == self.tick.value
         late = self._drive_tick.value == (self.tick.value - 1) & TICK_MASK
         if self._voltage.value != 0:
             if self.inhibited:
                 return Taken.NOT
-            # A voltage begins in time, or nobody would see it last too long.
+            # The first voltage must be in time, or nothing would notice if it lasts too long.
             late = late and self.state is _IN_USE and not self._answered_before
             if self._answered or not (in_time or late) or not self._moving:
                 self._foreign.count()
@@ -343,17 +344,17 @@ class PlateBlock:
 
     @property
     def inhibited(self) -> bool:
-        """Whether the plate takes a drive of 0 V only, as at the beginning."""
+        """Whether the plate only takes a drive of 0 V, as after a start."""
         return self.state in _INHIBITED
 
     def switch_off(self) -> None:
-        """Put the power stage at 0 V, now."""
+        """Set the power stage to 0 V immediately."""
         self._go_to_zero(StageEvent.SWITCH_OFF)
 
     def inhibit(self) -> None:
-        """Put the power stage at 0 V, and keep it there until a drive of 0 V comes.
+        """Set the power stage to 0 V, and keep it there until it receives a drive of 0 V.
 
-        It is TRIPPED then if it was in use, else WAITING.
+        Its state is then TRIPPED if it was in use, else WAITING.
         """
         self._go_to_zero(StageEvent.INHIBIT)
 
@@ -369,12 +370,12 @@ class PlateBlock:
         self.state = stage_after(self.state, event)
 
     def write(self, name: str, raw: int) -> None:
-        """Write a raw value to an object by name, as an SDO write does.
+        """Write a raw value to an object by name, as an SDO download does.
 
         Raises
         ------
         Abort
-            As for an SDO write; the value is then unchanged.
+            As for an SDO download; the value is then unchanged.
         """
         self.od.write(name, raw, self.on_write)
 
@@ -384,8 +385,8 @@ class PlateBlock:
         Raises
         ------
         Abort
-            STATE for the recorded finger where there is no recording, and for what only a
-            simulation does where there is none; VALUE for a fault that makes no sense.
+            STATE for the motion of a recorded finger without a recording, and with a front end for
+            another value of an object of the simulation; VALUE for an invalid fault.
         """
         if entry.name == START_RUN:
             self.start_run()
@@ -399,7 +400,7 @@ class PlateBlock:
         Raises
         ------
         AttributeError
-            If there is a front end instead.
+            There is a front end instead.
         """
         if isinstance(self.backend, FrontEnd):
             raise AttributeError("with a front end no plate is simulated")

@@ -1,4 +1,4 @@
-"""The plate node: a device around the function block, who drives it, and what watches it."""
+"""The plate node: a device around the function block, the sender of its drives, its watchdogs."""
 
 from __future__ import annotations
 
@@ -45,17 +45,18 @@ from smarttac_can.vocabulary.signals import TICK_US
 from smarttac_can.vocabulary.watchdogs import REPORTED_BY_PLATE, WATCHDOGS, level
 
 WRONG_MAX: Final = 3
-"""Drives with a wrong check in a row that disturb; those now and then fill a leaky bucket."""
+"""Drives in a row with a wrong check sum before the inhibit. Single ones fill a leaky bucket."""
 _FULL_OF_WRONG: Final = full_bucket(WRONG_MAX)
 _NOBODY: Final = 0
 _NEVER: Final = -1
 
 
 class DriveSender:
-    """The stimulator that a plate works with: the first that commands 0 V.
+    """Identify the stimulator that commands the plate: the sender of the first drive of 0 V.
 
-    One drive alone does not settle who it is: a check over the session before, or over anything,
-    names some node as well. Until a second one of the same comes, 0 V of another takes its place.
+    One drive alone does not identify the sender: a check sum of an earlier session, or a corrupt
+    one, also gives some node-ID. Until a second drive gives the same one, 0 V of another sender
+    replaces it.
 
     Parameters
     ----------
@@ -67,7 +68,7 @@ class DriveSender:
     latched
         Whether the sender of the last drive was in FAULT.
     disturbed
-        Whether too many drives had a wrong check.
+        Whether too many drives had a wrong check sum.
     """
 
     def __init__(self, od: ObjectDictionary) -> None:
@@ -75,7 +76,7 @@ class DriveSender:
         self.forget()
 
     def forget(self) -> None:
-        """Work with whoever comes first."""
+        """Clear the sender and the count, and accept any sender."""
         self._node_id = _NOBODY
         self._wrong = 0
         self._undisturbed = True
@@ -83,27 +84,27 @@ class DriveSender:
         self.latched = False
 
     def follow(self) -> None:
-        """Begin a cycle; one without a wrong check makes up for some of those before."""
+        """Begin a cycle; a cycle without a wrong check sum empties the leaky bucket by 1."""
         if self._wrong and self._undisturbed:
             self._count(False)
         self._undisturbed = True
 
     @property
     def level(self) -> float:
-        """How near wrong checks are to an inhibit; 1.0 or more while they inhibit."""
+        """Level of wrong check sums; from 1.0 on the stage is inhibited."""
         return self._wrong / _FULL_OF_WRONG
 
     def sound(self, data: bytes, session: int, *, off: bool) -> bool:
-        """Take a drive; return whether it is this sender's. A wrong one is counted.
+        """Take a drive; return whether this sender sent it. Count it as corrupt if not.
 
         Parameters
         ----------
         data
-            Its bytes.
+            Bytes of the drive.
         session
-            That of the plate, 0..255.
+            Session number of the plate, 0..255.
         off
-            Whether it asks for 0 V.
+            Whether the drive asks for 0 V.
         """
         if self._node_id == _NOBODY and not off:
             return False
@@ -129,32 +130,33 @@ class DriveSender:
 
 
 READ_BACK_CYCLES: Final = 3
-"""Cycles in a row with a wrong reading that are a fault; those now and then fill a leaky bucket.
-Two more pass before, at most: a reading may be a cycle old, and so may what it is compared with."""
+"""Cycles in a row with a wrong reading before the fault. Single ones fill a leaky bucket. At most
+two more pass before them: both the reading and the voltage it is compared with may be a cycle
+old."""
 _FULL_OF_READINGS: Final = full_bucket(READ_BACK_CYCLES)
 
 
 class HardwareWatch:
-    """The inputs ``Enable`` and ``Stage read-back``, each of which is watched while it is mapped.
+    """The inputs ``Enable`` and ``Stage read-back``. Each is supervised while it is mapped.
 
-    An input is mapped while a valid RPDO of the plate has it in its mapping. The stage may drive
-    then while each such RPDO has come within its event timer, an ``Enable`` that is mapped is 1,
-    and a read-back that is mapped is the voltage that the stage was commanded. A reading is
-    compared with that of now and of the last two cycles: it may be a cycle old.
+    An input is mapped while a valid RPDO of the plate has it in its mapping. The stage may then
+    have a voltage under three conditions: each such RPDO has arrived within its event timer, a
+    mapped ``Enable`` is 1, and a mapped read-back equals the commanded voltage. As a reading may be
+    a cycle old, it is compared with the voltages commanded now and in the last two cycles.
 
     Parameters
     ----------
     device
-        The plate's.
+        Device of the plate.
 
     Attributes
     ----------
     sources
-        RPDOs that have one of the inputs in their mapping, and whether it is the read-back.
+        RPDOs that have one of the inputs in their mapping; True for those with the read-back.
     reads_back
         Whether the read-back is mapped.
     cause
-        What keeps the stage from a voltage; None if nothing does.
+        Fault code for which the stage has to stay at 0 V; None if there is no fault.
     """
 
     def __init__(self, device: Device) -> None:
@@ -172,7 +174,7 @@ class HardwareWatch:
         self._wrong_cycles = 0
 
     def configure(self) -> None:
-        """Look up what is mapped; for when PDOs have changed, or the NMT state has."""
+        """Read the mapping; called after PDOs or the NMT state have changed."""
         carries = self._device.carries
         both = (self._enable, self._read_back)
         self._inputs = tuple(e for e in both if any(carries(n, e) for n in PLATE_RPDOS))
@@ -189,14 +191,14 @@ class HardwareWatch:
         self.look()
 
     def hear(self, number: int, commanded: float) -> None:
-        """Take what one of the sources has brought.
+        """Check the inputs that one of the RPDOs has brought.
 
         Parameters
         ----------
         number
-            That of the RPDO.
+            Number of the RPDO.
         commanded
-            What the stage is commanded now, in V.
+            Voltage in V that the stage is commanded now.
         """
         if self.sources[number]:
             reading = float(self._read_back.value * self._read_back.si)
@@ -206,13 +208,13 @@ class HardwareWatch:
         self.look()
 
     def cycle(self, commanded: float) -> None:
-        """Count a cycle of the loop at whose end the stage was commanded a voltage in V."""
+        """Count a cycle of the loop, at the end of which the stage was commanded a voltage in V."""
         self._commanded = (commanded, self._commanded[0])
         self._wrong_cycles = leaked(self._wrong_cycles, _FULL_OF_READINGS, self._wrong)
         self.look()
 
     def look(self) -> None:
-        """See what keeps the stage from a voltage."""
+        """Update the fault code for which the stage has to stay at 0 V."""
         heard = all(map(self._device.in_time, self.sources))
         enabled = self._enable.value or self._enable not in self._inputs
         self.cause = None
@@ -222,20 +224,20 @@ class HardwareWatch:
             self.cause = FaultCode.STAGE
 
     def require(self, entry: Entry, value: int, *, in_use: bool) -> None:
-        """Refuse a write that would take the place of the hardware, or end the watch over it.
+        """Refuse a write that would replace an input of the hardware, or end its supervision.
 
         Parameters
         ----------
         entry, value
-            What is written, raw.
+            Entry to be written, and its raw value.
         in_use
-            Whether the stage is.
+            Whether the stage is in use.
 
         Raises
         ------
         Abort
-            STATE for another value of an input that is mapped, and while the stage is in use for
-            what would be laxer.
+            STATE for another value of a mapped input, and while the stage is in use for a write
+            that relaxes the supervision.
         """
         if entry in self._inputs and OTHER.forbids(entry.value, value):
             raise Abort(AbortCode.STATE)
@@ -244,7 +246,7 @@ class HardwareWatch:
             raise Abort(AbortCode.STATE)
 
     def _of_rpdo(self, number: int) -> list[tuple[Entry, Rule]]:
-        """List what does not become laxer of an RPDO."""
+        """List the locked entries of an RPDO, with their rules."""
         objects = self._device.od.objects
         communication = objects[RPDO_COMMUNICATION + number - 1].entries
         mapping = objects[RPDO_MAPPING + number - 1].entries
@@ -257,19 +259,19 @@ class HardwareWatch:
 
 
 class Protection:
-    """The faults for which a plate stays at 0 V, each reported once by an emergency message.
+    """Keep the plate at 0 V for a fault, and report each fault once by an emergency message.
 
     Parameters
     ----------
     device, block
-        Those of the plate.
+        Device and function block of the plate.
 
     Attributes
     ----------
     faults
-        For which it is at 0 V until the controller asks for that.
+        Faults for which the plate stays at 0 V until the controller commands 0 V.
     reported
-        Whether one was reported since 0 V was asked for.
+        Whether a fault was reported since 0 V was last commanded.
     """
 
     def __init__(self, device: Device, block: PlateBlock) -> None:
@@ -279,7 +281,7 @@ class Protection:
         self.reported = False
 
     def trip(self, code: FaultCode) -> None:
-        """Inhibit the stage until the controller asks for 0 V, and report the fault once."""
+        """Inhibit the stage until the controller commands 0 V, and report the fault once."""
         self._block.inhibit()
         if code not in self.faults:
             self.reported = True
@@ -287,7 +289,7 @@ class Protection:
             self._device.emergency(code, WATCHDOGS[REPORTED_BY_PLATE[code]].register)
 
     def trip_again(self, code: FaultCode) -> None:
-        """Trip, and report a fault that was reported before once more."""
+        """Trip, and report a fault again that was reported before."""
         self.faults.discard(code)
         self._device.clear_emergency(code)
         self.trip(code)
@@ -307,7 +309,7 @@ class Protection:
 
 
 class LateDrives:
-    """Counts the drives that came after the instant of a tick at which they should be in force.
+    """Count drives that arrived after the time at which they should have been in force.
 
     Parameters
     ----------
@@ -323,11 +325,11 @@ class LateDrives:
         self._ticks = od["Cycle.Ticks"]
 
     def tick(self) -> None:
-        """Begin a tick."""
+        """Start a tick."""
         self._ticked = self._clock.now
 
     def take(self, taken: Taken, instant_us: int) -> None:
-        """Take a drive that should be in force ``instant_us`` after the tick; 0 for at once."""
+        """Take a drive that is due ``instant_us`` after the tick; 0 disables the count."""
         if not (instant_us and self._ticks.value):
             return
         overdue = taken is Taken.IN_TIME and self._clock.now - self._ticked > instant_us
@@ -336,7 +338,7 @@ class LateDrives:
 
 
 class Limited(NamedTuple):
-    """Objects of which two are limited by the other two."""
+    """Objects of voltage and temperature, and their limits."""
 
     voltage: Entry
     voltage_max: Entry
@@ -350,7 +352,7 @@ LIMITED: Final = (
 
 
 class PlateNode(DeviceNode):
-    """Power stage, vibration pick-up and strain gauges, simulated or real; SYNC is the tick.
+    """Power stage, vibration pick-up and strain gauges, simulated or real. SYNC is the tick.
 
     Parameters
     ----------
@@ -359,13 +361,13 @@ class PlateNode(DeviceNode):
     presets
         Raw values by name that replace defaults of the EDS at power-on.
     recording
-        The finger of ``Finger.Motion`` 2.
+        Finger of ``Finger.Motion`` 2; None to refuse this motion.
     front_end
-        What takes the place of the simulated plate.
+        Front end that replaces the simulated plate; None to simulate.
     session
-        Number of the first session, 0..255; hardware draws it.
+        Number of the first session, 0..255. For hardware it is drawn at random.
     deadline_ms
-        Default of the event timer of the drive; None for that of the EDS.
+        Default of the event timer of the drive in ms; None for the default of the EDS.
     storage, node_id
         As for `Device`.
     """
@@ -412,7 +414,7 @@ class PlateNode(DeviceNode):
         self._next_session = session
 
     def overtaken(self, frame: Frame) -> list[Frame]:
-        """Take a frame that waited; a SYNC is a tick that is over, and not measured."""
+        """Take a superseded frame; the tick of a superseded SYNC is not sampled."""
         self._overtaken = True
         try:
             return self.device.receive(frame)
@@ -420,20 +422,20 @@ class PlateNode(DeviceNode):
             self._overtaken = False
 
     def overdue(self) -> list[Frame]:
-        """Go to 0 V if no drive came in time, before frames are heard that waited."""
+        """Go to 0 V if no drive came in time, before waiting frames are processed."""
         if self._unanswered.due <= self.clock.now:
             self._unanswered.fire()
         return self.device.take()
 
     def transmit_failed(self) -> list[Frame]:
-        """Go to 0 V, the transmit queue being full: the controller lacks what was measured."""
+        """Go to 0 V as the transmit queue is full: the controller lacks the measurement."""
         self.block.inhibit()
         if self.block.state is StageState.TRIPPED:
             self._protection.trip(FaultCode.DRIVE_LOST)
         return self.device.take()
 
     def levels(self) -> tuple[float, ...]:
-        """How near each watch of `PLATE_COUNTED` is to 0 V, 1.0, at the end of this tick."""
+        """Return the level of each row of `PLATE_COUNTED` at the end of this tick; 1.0 trips."""
         limited = self._limited
         return (
             self.clock.share((self._unanswered,), TICK_US),
@@ -443,13 +445,13 @@ class PlateNode(DeviceNode):
         )
 
     def shutdown(self) -> list[Frame]:
-        """Put the power stage at 0 V."""
+        """Set the power stage to 0 V."""
         self.block.switch_off()
         self.block.backend.repeat_zero()
         return []
 
     def on_state(self, state: NMTState) -> None:
-        """Start from rest at power-on; only OPERATIONAL drives."""
+        """Start from rest at power-on; allow voltages only in OPERATIONAL."""
         if state is NMTState.RESET_APPLICATION:
             for name, raw in self._presets.items():
                 self.block.write(name, raw)
@@ -468,7 +470,7 @@ class PlateNode(DeviceNode):
             self._hardware.configure()
 
     def on_sync(self) -> bool:
-        """Step to this tick; without a loop, a measurement, or use for one, nothing goes out."""
+        """Step to this tick; return whether there is a measurement to send."""
         self.block.backend.repeat_zero()
         if self.device.nmt_state is not NMTState.OPERATIONAL:
             return False
@@ -494,17 +496,19 @@ class PlateNode(DeviceNode):
         return measured
 
     def on_rpdo(self, number: int) -> None:
-        """Hear hardware that watches the stage."""
+        """Check the inputs of hardware that supervises the stage."""
         if number in self._hardware.sources:
             self._hardware.hear(number, self.block.commanded)
             self._follow_hardware()
 
     def on_loop_rpdo(self, _number: int, data: bytes) -> None:
-        """Take a drive if it is sound, its voltage in the limit, the plate cool and no collision.
+        """Take a drive unless a check fails.
 
-        A corrupt one, and a stranger's, counts as a drive that did not come; several of them
-        inhibit the stage. If hardware keeps the stage from a voltage, that is reported each time
-        one is asked for.
+        The drive has to be sound and its voltage within the limit. A voltage is ignored while the
+        plate is too hot, while another node uses an identifier, and while too many drives are
+        corrupt. A corrupt drive, or one of another sender, counts as missing; several of them
+        inhibit the stage. If hardware keeps the stage at 0 V, this is reported each time a voltage
+        is commanded after 0 V.
         """
         self._driven.keep(self._driven.unpack(data))
         hardware, sender, protection = self._hardware, self._sender, self._protection
@@ -535,18 +539,18 @@ class PlateNode(DeviceNode):
             protection.clear()
 
     def on_rpdo_timeout(self, number: int, late: bool) -> None:
-        """Go to 0 V when the hardware that watches the stage falls silent."""
+        """Go to 0 V when an RPDO of hardware that supervises the stage is overdue."""
         if number in self._hardware.sources:
             self._hardware.look()
             self._follow_hardware()
 
     def on_parameters(self) -> None:
-        """Follow another mapping, COB-ID or event timer of the hardware's inputs."""
+        """Apply another mapping, COB-ID or event timer of the hardware inputs."""
         self._hardware.configure()
         self._follow_hardware()
 
     def on_error_control(self, node_id: int, lost: bool) -> None:
-        """Go to 0 V when a watched node falls silent, whatever the error behaviour is."""
+        """Go to 0 V when a supervised node is silent, whatever the error behaviour is."""
         if lost:
             self.block.inhibit()
 
@@ -558,19 +562,19 @@ class PlateNode(DeviceNode):
     def _on_unanswered(self) -> None:
         """Go to 0 V, as no drive was taken for the time of the deadline.
 
-        The deadline of the RPDO begins anew with any values within their limits; this one with a
-        drive that was taken.
+        The event timer of the RPDO restarts with any valid frame; this deadline only with a drive
+        that was taken.
         """
         self.block.inhibit()
 
     def _follow_hardware(self) -> None:
-        """Go to 0 V if hardware keeps the stage from a voltage; report it if it was in use."""
+        """Go to 0 V if hardware does not allow a voltage; report it if the stage was in use."""
         cause = self._hardware.cause
         if cause is not None:
             self._protection.trip_in_use(cause)
 
     def _follow_front_end(self) -> None:
-        """Go to 0 V if a front end gives reason to; report it if the stage was, or is, live."""
+        """Go to 0 V for a fault of the front end; report it if the stage was, or is, live."""
         cause = self.block.backend.cause
         if cause is FaultCode.STAGE:
             self._protection.trip(cause)
@@ -578,7 +582,7 @@ class PlateNode(DeviceNode):
             self._protection.trip_in_use(cause)
 
     def on_store(self) -> None:
-        """Refuse to store while it drives: a file may take longer than a cycle.
+        """Refuse to store while the stage has a voltage: a file may take longer than a cycle.
 
         Raises
         ------
@@ -589,7 +593,7 @@ class PlateNode(DeviceNode):
             raise Abort(AbortCode.STATE)
 
     def on_write(self, entry: Entry, value: Any) -> None:
-        """Start a run; refuse what is laxer while in use, and a recorded finger that is none."""
+        """Apply a write, or raise `Abort` if it relaxes a rule in use or makes no sense."""
         in_use = self.block.state is StageState.IN_USE
         self._hardware.require(entry, value, in_use=in_use)
         if in_use:

@@ -1,4 +1,4 @@
-"""What a cycle of the stimulator takes from the object dictionary, and what it puts there."""
+"""Inputs and outputs of a cycle of the stimulator, in its object dictionary."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ SENSORS: Final = (*(f"S{number}" for number in range(1, 7)), "W_d", "W_q", "Temp
 
 
 class Measured(NamedTuple):
-    """A measurement as it has come from the plate."""
+    """A measurement received from the plate."""
 
     si: Measurement
-    """For the controllers."""
+    """Measurement in SI units, for the controllers."""
     counts: tuple[int, ...]
-    """The same as integers, in the order of `SENSORS`."""
+    """The same values as integers, in the order of `SENSORS`."""
     tick: int
     """Tick count of 8 bits that the drive has to answer."""
     serial: int
@@ -31,7 +31,7 @@ class Measured(NamedTuple):
 
 
 class MeasurementInput:
-    """Takes measurements as they cross a bus.
+    """Convert measurements from the integers of the bus.
 
     Parameters
     ----------
@@ -50,12 +50,12 @@ class MeasurementInput:
         self._others = itemgetter(*map(entries.index, others))
 
     def measured(self, values: Sequence[int]) -> Measured:
-        """Return a measurement in SI units, and as integers.
+        """Return a measurement in SI units and as integers.
 
         Parameters
         ----------
         values
-            In the order of the bus; a check at the end is ignored.
+            Integers in the order of the bus; a check sum at the end is ignored.
         """
         counts = self._counts(values)
         s1, s2, s3, s4, s5, s6, W_d, W_q, temperature = map(mul, counts, self._si)
@@ -65,7 +65,7 @@ class MeasurementInput:
 
 
 class Setpoints:
-    """The set-points that stand in the object dictionary.
+    """Read the set-points from the object dictionary.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ class Setpoints:
 
 
 class DriveOutput:
-    """The drive that stands in the object dictionary.
+    """Write the drive to the object dictionary.
 
     Parameters
     ----------
@@ -109,12 +109,12 @@ class DriveOutput:
         self._tick.value = tick
 
     def switch_off(self) -> None:
-        """Write 0 V, whatever tick it answers."""
+        """Write 0 V; the tick stays."""
         self._voltage.value = 0
 
 
 CHANNELS: Final = ("force x", "force y", "normal force", "COF", "amplitude", "temperature")
-"""Channels 1 to 6."""
+"""Names of the channels 1 to 6."""
 _NOT_VALID, _POSITIVE_OVERLOAD = 1, 2
 _LATERAL_GAUGES, _NORMAL_GAUGES, _PICK_UP = 0b0000011, 0b0111100, 0b1000000
 _COF: Final = CHANNELS.index("COF")
@@ -129,7 +129,7 @@ _SENSORS: Final = (
 
 
 class AnalogueInput:
-    """Process values and their status.
+    """Process values of the channels, and their status.
 
     Parameters
     ----------
@@ -146,25 +146,25 @@ class AnalogueInput:
             "Vibration.Amplitude",
             "Plate temperature",
         )
-        # The counts of the sources are those that the unit and the digits of a channel announce.
+        # The integers of the sources have the unit and the digits that the channels announce.
         for channel, source in zip(CHANNELS, sources, strict=True):
             od[f"AI input PV.AI input PV {channel}"].compute(od[source].read)
         self._status = [od[f"AI status.AI status {channel}"] for channel in CHANNELS]
         self.reset()
 
     def reset(self) -> None:
-        """Forget the last cycle."""
+        """Clear the state of the last cycle."""
         self._shown: tuple[bool, int] | None = None
 
     def update(self, touching: bool, saturation: int) -> None:
-        """Show whether the values of a cycle are valid.
+        """Set the status of the channels, whether their values are valid.
 
         Parameters
         ----------
         touching
-            Whether there is a finger; without, the COF is not valid.
+            Whether a finger touches; without a finger the COF is not valid.
         saturation
-            Sensors at the end of their range, as in `smarttac_can.vocabulary.signals.Measurement`.
+            Bits of the saturated sensors, as in `smarttac_can.vocabulary.signals.Measurement`.
         """
         if (touching, saturation) == self._shown:
             return
@@ -200,7 +200,7 @@ _LIVE, _DRIVING, _TOUCHING, _LIMITED, _SATURATED, _FAULT = (int(bit) for bit in 
 class ReadBack:
     """The read-only objects that follow the loop.
 
-    Quantities are scaled when somebody reads them, from what was kept of the last cycle.
+    The values of the last cycle are kept, and scaled only when an object is read.
 
     Parameters
     ----------
@@ -225,7 +225,7 @@ class ReadBack:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the run: tick 0 next, nothing measured."""
+        """Reset to the start of a run: no measurement, and the next tick is 0."""
         self._quantities.reset()
         self._touching.value = self._mode.value = 0
         self._analogue_input.reset()
@@ -234,25 +234,25 @@ class ReadBack:
         self._tick.value = _TICK_MASK
 
     def show_state(self, state: State) -> None:
-        """Show the state in the statusword."""
+        """Set the state bits of the statusword."""
         status = self._statusword.value & _LOOP_BITS | state << STATE_SHIFT
         if state is State.FAULT:
             status |= _FAULT
         self._statusword.value = status
 
     def show_off(self) -> None:
-        """Show mode OFF, and no voltage, before the next cycle does."""
+        """Show mode OFF and 0 V immediately, before the next cycle."""
         self._mode.value = 0
         row = self._quantities.row
         self._quantities.row = (*row[:_VOLTAGE], 0.0, *row[_VOLTAGE + 1 :])
         self._statusword.value &= ~_DRIVING
 
     def mark_stale(self) -> None:
-        """Show that what can be read is not live, before a next cycle makes it so."""
+        """Clear the live bit of the statusword; the next cycle sets it again."""
         self._statusword.value &= ~_LIVE
 
     def publish(self, measured: Measured, cascade: Cascade) -> None:
-        """Publish a cycle: what was measured, and the controllers after it."""
+        """Publish the measurement of a cycle, and the controllers after it."""
         W, _, temperature, saturation = measured.si
         Fx, Fy, Fn, mu, u_mu, position, speed, touching = cascade.contact
         voltage, frequency = cascade.drive

@@ -1,6 +1,6 @@
-"""The states of both nodes: who may drive the stimulator, and what the power stage takes.
+"""State tables of both nodes: the stimulator, and the power stage of the plate.
 
-The stimulator, whose commands are those of the controlword::
+The stimulator; its commands are those of the controlword::
 
                  prepared            arm              run
     NOT_READY <-----------> READY ---------> ARMED <--------> RUNNING
@@ -11,7 +11,7 @@ The stimulator, whose commands are those of the controlword::
         |                     | reset       | a watchdog       | a watchdog
         +-------------------- FAULT <-------+------------------+
 
-The power stage of the plate, which has a voltage IN_USE only::
+The power stage of the plate, which has a voltage only IN_USE::
 
     WAITING, TRIPPED --- 0 V ---> FREE --- voltage ---> IN_USE --- inhibit ---> TRIPPED
         ^                          |  <-- switch off ----- |
@@ -27,7 +27,7 @@ from smarttac_can.vocabulary.states import CONTROL_MASK, Control, State
 
 
 class Event(Enum):
-    """What moves the device from state to state."""
+    """Events that cause a transition."""
 
     PREPARED = "all conditions are met"
     UNPREPARED = "a condition is no longer met"
@@ -44,15 +44,15 @@ class Event(Enum):
 
 
 class Guard(IntFlag):
-    """What has to hold for a transition."""
+    """Conditions of a transition."""
 
     NONE = 0
     CLEAR = 1
     """No latched fault is present any more."""
     PREPARED = 2
-    """No fault is present, the loop lives in OPERATIONAL, and the plate is tared and calibrated."""
+    """No fault is present, the loop runs in OPERATIONAL, and the plate is tared and calibrated."""
     SUPERVISED = 4
-    """The loss of the commander would be noticed, or need not be."""
+    """A loss of the commander would be detected, or detection is not required."""
 
 
 class Transition(NamedTuple):
@@ -90,7 +90,7 @@ TRANSITIONS: Final = (
     ),
     *(Transition(state, _E.FAULT, _G.NONE, _S.FAULT) for state in (_S.ARMED, _S.RUNNING)),
 )
-"""Every transition there is; of two rows with the same state and event the first allowed one."""
+"""All transitions. Of rows with the same state and event, the first whose guard holds applies."""
 
 _TABLE: Final[dict[tuple[State, Event], list[Transition]]] = {}
 for _row in TRANSITIONS:
@@ -107,9 +107,9 @@ _ASKS_FOR_WHAT_IS: Final = {State.ARMED: _ARM, State.RUNNING: _ARM | _RUN}
 class StateMachine:
     """The state of one device.
 
-    Arm, run and fault reset act when they rise; stop, disarm and quick stop act by level. A command
-    that stands in the controlword while the device disarms by itself is therefore not obeyed again
-    before it was taken back.
+    Arm, run and fault reset act on a rising bit; stop, disarm and quick stop act on the level. A
+    command bit that is still set when the device disarms by itself acts again only after it was
+    cleared.
 
     Attributes
     ----------
@@ -123,23 +123,23 @@ class StateMachine:
         self.restart()
 
     def restart(self) -> None:
-        """Begin as after power-on, with all commands taken back."""
+        """Reset to the state after power-on, with all command bits cleared."""
         self.state = State.NOT_READY
         self._previous = 0
 
     def take_as_given(self, word: int) -> None:
-        """Count commands as standing, so that they are obeyed only after they were taken back."""
+        """Record bits as set before, so that they act only after they were cleared."""
         self._previous |= word
 
     def handle(self, event: Event, holds: Guard) -> bool:
-        """Make the transition for an event, if its guard holds.
+        """Make the transition for an event if its guard holds.
 
         Parameters
         ----------
         event
-            What happened.
+            Event to handle.
         holds
-            The guards that hold.
+            Guards that hold.
 
         Returns
         -------
@@ -160,12 +160,12 @@ class StateMachine:
         word
             Bits of `Control`.
         holds
-            The guards that hold.
+            Guards that hold.
 
         Returns
         -------
         bool
-            False if it asks for something illegal; the state is then unchanged.
+            False if the command is illegal; the state is then unchanged.
         """
         if word & ~CONTROL_MASK:
             return False
@@ -176,7 +176,7 @@ class StateMachine:
         return True
 
     def _event(self, word: int, rising: int) -> Event | None:
-        """Name the event that a controlword asks for; None if it asks for the present state."""
+        """Return the event of a controlword; None if it asks for the present state."""
         state = self.state
         asked = word & _COMMANDS
         if asked & _QUICK_STOP:
@@ -187,12 +187,12 @@ class StateMachine:
             return None
         if asked == _ARM and state is State.RUNNING:
             return Event.STOP
-        # Not one word from rest to RUNNING: arm comes first.
+        # RUNNING needs two controlwords: arm, then run.
         return _RISING.get((asked, rising & _COMMANDS), Event.ILLEGAL)
 
 
 class StageState(Enum):
-    """States of the power stage; only the last has a voltage."""
+    """States of the power stage; only IN_USE has a voltage."""
 
     WAITING = "at 0 V until a drive of 0 V has come, as at the beginning"
     TRIPPED = "the same, after it went to 0 V by itself while it was in use"
@@ -201,7 +201,7 @@ class StageState(Enum):
 
 
 class StageEvent(Enum):
-    """What moves it from state to state."""
+    """Events that cause a transition of the power stage."""
 
     ZERO = "a drive of 0 V from a stimulator that is not in FAULT"
     LATCHED = "a drive of 0 V from a stimulator in FAULT"
@@ -234,10 +234,10 @@ STAGE_TRANSITIONS: Final = (
         if state is not StageState.WAITING
     ),
 )
-"""Every transition there is; any other event changes nothing."""
+"""All transitions; any other event leaves the state unchanged."""
 _STAGE_NEXT: Final = {(row.state, row.event): row.next for row in STAGE_TRANSITIONS}
 
 
 def stage_after(state: StageState, event: StageEvent) -> StageState:
-    """Return the state after an event; the same if the table has no transition for it."""
+    """Return the state after an event; unchanged if the table has no transition for it."""
     return _STAGE_NEXT.get((state, event), state)

@@ -1,4 +1,4 @@
-"""Function block of the stimulator: its object dictionary on one side, the cascade on the other."""
+"""Function block of the stimulator: connects its object dictionary to the cascade."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ from smarttac_can.vocabulary.watchdogs import Watchdog
 
 
 class PlateInside:
-    """Copies integers between two object dictionaries, as the PDOs of the loop would.
+    """Copy integers between two object dictionaries, as the PDOs of the loop would.
 
     Parameters
     ----------
@@ -63,11 +63,12 @@ class PlateInside:
     Raises
     ------
     ValueError
-        If the PDOs of the two EDS files do not carry the same.
+        The PDOs of the two EDS files do not carry the same objects.
 
     Attributes
     ----------
     plate
+        Function block of the plate.
         As given.
     """
 
@@ -81,19 +82,19 @@ class PlateInside:
         self._driven = list(zip(sent.entries, received.entries, strict=True))
 
     def power_on(self) -> None:
-        """Begin with the values that the objects of the simulation have now."""
+        """Reset the plate, and copy the values that the simulation objects have now to it."""
         self.plate.od.reset()
         for entry in self._od:
             if entry.name.partition(".")[0] in SIMULATION:
                 self.plate.od[entry.name].value = entry.value
 
     def start_run(self) -> None:
-        """Put the plate to rest at tick 0, without a fault of its own."""
+        """Put the plate to rest at tick 0, without an injected fault."""
         self.plate.start_run()
         self._od[FAULT_KIND].value = FaultKind.NONE
 
     def measure(self) -> list[int]:
-        """Step the plate and sample; return the values in the order of the bus, with no check."""
+        """Step and sample the plate; return the values in the order of the bus, no check sum."""
         self.plate.cycle()
         values = [entry.value for entry in self._sent.entries]
         for entry, value in zip(self._received.entries, values, strict=True):
@@ -101,7 +102,7 @@ class PlateInside:
         return values
 
     def drive(self) -> None:
-        """Give the drive to the plate."""
+        """Copy the drive to the plate."""
         for source, target in self._driven:
             target.value = source.value
         self.plate.take_drive()
@@ -117,7 +118,7 @@ def _require_same(sent: CheckedFrames, received: CheckedFrames) -> None:
             raise ValueError(f"{source.name} and {target.name} are mapped at the same place")
 
 
-# What every cycle asks for stands here: looking a member of an enumeration up costs much more.
+# Needed in every cycle: module constants, as looking up an enumeration member is much slower.
 _RUNNING: Final = State.RUNNING
 _IDENTIFY: Final = Mode.IDENTIFY
 _DESIGNED_FROM: Final = (*DESIGN, MODEL, GAUGE_ZERO, TABLES)
@@ -127,33 +128,33 @@ _SETPOINTS: Final = {
     Mode.AMPLITUDE: "Setpoint.Amplitude",
     Mode.AMPLITUDE_RESONANCE: "Setpoint.Amplitude",
 }
-"""Set-points that are 0 V by their default, by mode."""
+"""Set-points for which the default 0 means 0 V, by mode."""
 
 
 class StimulatorBlock:
-    """The nested controllers of the objects of ``stimulator.eds``.
+    """The nested controllers, with the objects of ``stimulator.eds``.
 
     Parameters
     ----------
     od
         Object dictionary of ``stimulator.eds``.
     plate
-        The plate inside; None if it is a node of its own.
+        Plate inside; None if the plate is a node of its own.
 
     Raises
     ------
     ValueError
-        If the object dictionary goes beyond the hard caps, or the PDOs of the two EDS files do not
-        carry the same.
+        The object dictionary goes beyond the hard caps, or the PDOs of the two EDS files do not
+        carry the same objects.
 
     Attributes
     ----------
     cascade
-        The controllers, for tests and reports.
+        Controllers, for tests and reports.
     supervisor
-        State machine and faults, to look at; what changes them is here.
+        State machine and faults, read-only; the methods of this class change them.
     deadline
-        That of the loop with a plate node.
+        Deadline of the loop with a plate node.
     """
 
     def __init__(self, od: ObjectDictionary, plate: PlateBlock | None = None) -> None:
@@ -186,7 +187,7 @@ class StimulatorBlock:
         return self.supervisor.state
 
     def power_on(self) -> None:
-        """Begin with the values that the objects have now, those of the simulation included."""
+        """Start with the values that the objects have now, also those of the simulation."""
         if self._inside is not None:
             self._inside.power_on()
         self.supervisor.restart()
@@ -196,10 +197,10 @@ class StimulatorBlock:
         self.start_run()
 
     def start_run(self) -> None:
-        """Begin anew: controllers reset and off, tick 0 next; the plate inside is at rest.
+        """Start a run: controllers reset and off, next tick 0; a plate inside is at rest.
 
-        The first drive is 0 V, whatever is asked for. Of a plate node it is not known what it does:
-        the watchdogs go on.
+        The first drive is 0 V, whatever the set-points are. The state of a plate node is unknown,
+        so its watchdogs keep their counts.
         """
         supervisor = self.supervisor
         if self._inside is not None:
@@ -221,7 +222,7 @@ class StimulatorBlock:
         self._follow()
 
     def tick(self) -> None:
-        """Step one cycle with the plate inside: it steps and samples, the controllers answer."""
+        """Run one cycle with the plate inside: step and sample it, and answer the measurement."""
         inside = self._inside
         assert inside is not None
         self.cycle(inside.measure())
@@ -233,9 +234,10 @@ class StimulatorBlock:
         Parameters
         ----------
         measurement
-            Values in the order of the bus; a check at the end is ignored.
+            Values in the order of the bus; a check sum at the end is ignored.
         late
-            Whether the plate gets it too late for the cycle that begins with that measurement.
+            Whether the drive reaches the plate too late for the cycle that begins with this
+            measurement.
         """
         measured = self._inbox.measured(measurement)
         mode = self._prepare()
@@ -253,7 +255,7 @@ class StimulatorBlock:
         self._keep_results(mode)
 
     def _prepare(self) -> int:
-        """Take over new parameters and the mode; return the mode of this cycle."""
+        """Apply new parameters and the mode; return the mode of this cycle."""
         if self._changed:
             self._take_plans()
         running = self.supervisor.machine.state is _RUNNING
@@ -265,9 +267,9 @@ class StimulatorBlock:
         return mode
 
     def _begin_at_zero(self, mode: int, asked: Drive) -> tuple[int, Drive]:
-        """Make the first drive of a run 0 V, without which a plate takes no voltage.
+        """Make the first drive of a run 0 V; before it a plate takes no voltage.
 
-        A mode that asks for one begins with the next cycle.
+        A mode that asks for a voltage begins with the next cycle.
         """
         if asked.voltage > 0.0:
             mode = int(Mode.OFF)
@@ -277,7 +279,7 @@ class StimulatorBlock:
         return mode, asked
 
     def _follow(self) -> None:
-        """Show another state; what was driven before is off then."""
+        """Show a change of state, and switch off when RUNNING is left."""
         state = self.supervisor.machine.state
         if state is self._shown:
             return
@@ -290,7 +292,7 @@ class StimulatorBlock:
             self._hint_at_nothing_asked()
 
     def _hint_at_nothing_asked(self) -> None:
-        """Set the Message to what is missing if mode and set-points ask for 0 V."""
+        """Set the Message to what is missing if mode and set-points give 0 V."""
         mode = self._mode.value
         name = _SETPOINTS.get(mode)
         if name is not None and not self.od[name].value:
@@ -303,13 +305,13 @@ class StimulatorBlock:
         self._message.value = self._hint
 
     def _withdraw_hint(self) -> None:
-        """Take the hint out of the Message: there is a voltage, or no longer a run."""
+        """Clear the hint in the Message, as there is a voltage or RUNNING was left."""
         if self._message.value == self._hint:
             self._message.value = ""
         self._hint = ""
 
     def _switch_off(self) -> None:
-        """Turn the cascade off and put the drive at 0 V, now."""
+        """Switch the cascade off and set the drive to 0 V immediately."""
         self._mode.value = Mode.OFF
         self.cascade.set_mode(Mode.OFF)
         self._outbox.switch_off()
@@ -318,19 +320,19 @@ class StimulatorBlock:
             self._inside.plate.switch_off()
 
     def _keep_results(self, mode: int) -> None:
-        """Keep the model of an identification, and show a mode that the cascade has left."""
+        """Store the model of an identification, and show if the cascade has left its mode."""
         cascade = self.cascade
         if mode == _IDENTIFY and self._model_sheet.follow(cascade):
             self._plans = self._built(cascade.model, cascade.zero)
             self.supervisor.plan = self._plans.watch
         if mode != cascade.mode:
-            # The cascade has left it by itself.
+            # The cascade has left the mode by itself.
             self._mode.value = int(cascade.mode)
             if cascade.reason and not self.supervisor.latched:
                 self._message.value = cascade.reason
 
     def observe(self, watchdog: Watchdog, present: bool) -> None:
-        """Record a fault that comes, or goes, between two cycles; a latched one stays latched."""
+        """Record that a fault comes or goes between two cycles; a latched fault stays latched."""
         bit = 1 << watchdog
         self.supervisor.observe(bit if present else 0, bit)
         self._follow()
@@ -346,31 +348,31 @@ class StimulatorBlock:
         self.mark_stale()
 
     def mark_stale(self) -> None:
-        """Mark what can be read as that of the last cycle, as none comes for now."""
+        """Mark the values of the last cycle as stale, as no cycle follows for now."""
         self._read_back.mark_stale()
 
     def disarm(self) -> None:
-        """Disarm: put the drive at 0 V whatever the controlword asks for."""
+        """Disarm, and set the drive to 0 V, whatever the controlword is."""
         self.supervisor.handle(Event.DISARM)
         self._follow()
         self._switch_off()
 
     def note_supervision(self, supervised: bool) -> None:
-        """Record whether the loss of the commander would be noticed; before each controlword."""
+        """Record whether loss of the commander would be detected, before each controlword."""
         self.supervisor.supervised = supervised or bool(self.od["Drive unwatched"].value)
 
     def take_controlword(self) -> None:
-        """Obey the controlword that an RPDO has brought."""
+        """Obey a controlword received in an RPDO."""
         self.supervisor.take_controlword()
         self._follow()
 
     def write(self, name: str, raw: int | bytes) -> None:
-        """Write a raw value to an object by name, as an SDO write does.
+        """Write a raw value to an object by name, as an SDO download does.
 
         Raises
         ------
         Abort
-            As for an SDO write; the value is then unchanged, and the Message gives the reason.
+            As for an SDO download; the value is then unchanged, and the Message gives the reason.
         """
         try:
             self.od.write(name, raw, self.on_write)
@@ -384,9 +386,9 @@ class StimulatorBlock:
         Raises
         ------
         Abort
-            As `Lock`, `TextureSlots`, `Supervisor.command` and `Taring.auto_zero` say; STATE
-            also for zeros and calibration that would hide a force that has latched a fault, and
-            for simulation objects without the plate inside; VALUE for limits that contradict each
+            As for `Lock`, `TextureSlots`, `Supervisor.command` and `Taring.auto_zero`. STATE also
+            for zeros and a calibration that would hide a force that has latched a fault, and for
+            simulation objects without the plate inside. VALUE for limits that contradict each
             other.
         """
         if self.supervisor.armed:
@@ -408,7 +410,7 @@ class StimulatorBlock:
         elif entry.name in AUTO_ZERO:
             self._taring.auto_zero(self.cascade, value)
             if self._changed:
-                # Plans that wait for the next cycle have the old zero.
+                # The plans that wait for the next cycle contain the old zero.
                 self._plans = self._built(self.cascade.model, self.cascade.zero)
             self._follow()
         elif record in _DESIGNED_FROM:
@@ -424,7 +426,7 @@ class StimulatorBlock:
         self.supervisor.accept(entry.name)
 
     def follow_deadline(self) -> None:
-        """Follow another deadline of the loop, by which late drives are excused."""
+        """Apply a new deadline of the loop, by which late drives are excused."""
         self.deadline.configure()
         full = full_counts(self._deadline_ms)
         self._plans = self._plans._replace(watch=self._plans.watch._replace(full=full))
@@ -437,18 +439,18 @@ class StimulatorBlock:
     def _built(
         self, model: PlateModel, zero: Forces, entry: Entry | None = None, value: Any = 0
     ) -> Plans:
-        """Build the plans, as they are after a write to an entry if there is one."""
+        """Build the plans, as they are after a write if an entry is given."""
         texture = self._textures.chosen(entry, value)
         present = Present(model, zero, texture, self._deadline_ms)
         return build_plans(self.od, present, entry, value)
 
     def _show_written_model(self) -> None:
-        """Show a model that was written since the last cycle as not identified."""
+        """Show a model as not identified if it was written since the last cycle."""
         if self._plans.model != self.cascade.model:
             self._model_sheet.show_written(self._plans.model)
 
     def _take_plans(self) -> None:
-        """Put the plans in force that writes since the last cycle have asked for."""
+        """Put the plans in force that result from writes since the last cycle."""
         changed, self._changed = self._changed, set()
         plans, cascade = self._plans, self.cascade
         self.supervisor.plan = plans.watch

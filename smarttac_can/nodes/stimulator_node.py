@@ -1,4 +1,4 @@
-"""The stimulator node: a device around its function block, who commands it, what it publishes."""
+"""The stimulator node: a device around its function block, its commander, and its messages."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ from smarttac_can.vocabulary.watchdogs import (
 )
 
 NOT_OPERATIONAL_US: Final = 1_000_000
-"""Longest rest of a master outside of OPERATIONAL. One that sets up its own stack passes through
-PRE-OPERATIONAL for less, and a bench that is killed is missed as late."""
+"""Longest time in us that a master may be outside OPERATIONAL. A master that sets up its own stack
+passes through PRE-OPERATIONAL in less, and a killed bench is detected as late."""
 
 _UP: Final = -1
 SETPOINT_RPDOS: Final = (1, 2, 3, 4)
@@ -66,21 +66,21 @@ _TABLE: Final = "Consumer heartbeat time"
 class Commander:
     """The watchdogs of heartbeats and set-points, and whether one of them is active.
 
-    A watched node is gone when its heartbeat stays away, at once when it boots again, and when it
-    has been OPERATIONAL but is so no more for `NOT_OPERATIONAL_US`. One that never was need not be:
-    some masters announce PRE-OPERATIONAL all their life.
+    A supervised node counts as lost when its heartbeat is late, immediately when it boots again,
+    and when it was OPERATIONAL and then is in another state for `NOT_OPERATIONAL_US`. A node that
+    never was OPERATIONAL is accepted, as some masters announce PRE-OPERATIONAL all the time.
 
     Parameters
     ----------
     device
-        That of the stimulator.
+        Device of the stimulator.
     plate
-        Node-ID of the plate node, 0 for none. It is no master, and has watchdogs of its own: only
-        its silence counts.
+        Node-ID of the plate node, 0 for none. The plate is no master and has watchdogs of its own,
+        so of its heartbeat only the loss counts.
     observe
-        Called with a watchdog whose fault comes, or goes.
+        Function that is called when the fault of a watchdog comes or goes.
     lockstep
-        Whether the master's SYNC is the only clock: nothing happens without the master then.
+        Whether the master's SYNC is the only clock; nothing then happens without the master.
     """
 
     def __init__(
@@ -100,7 +100,7 @@ class Commander:
         self._gone: set[int] = set()
         self._seen: set[int] = set()
         self._resting: dict[int, int] = {}
-        """Since when nodes that were OPERATIONAL are so no more; `_UP` for one that is."""
+        """Time since which a node is no longer OPERATIONAL; `_UP` while it is OPERATIONAL."""
         od = device.od
         self._watches = [e for s, e in od.objects[HEARTBEAT_CONSUMER].entries.items() if s]
         self._deadlines = deadlines(od, SETPOINT_RPDOS)
@@ -108,19 +108,19 @@ class Commander:
         self._heartbeat = od.entry(HEARTBEAT_PRODUCER)
 
     def restart(self) -> None:
-        """Begin anew: nobody was seen yet."""
+        """Clear the record of all supervised nodes."""
         self._gone.clear()
         self._seen.clear()
         self._resting.clear()
         self._observe(Watchdog.HEARTBEAT, False)
 
     def leave(self) -> None:
-        """Follow NMT out of OPERATIONAL: deadlines start anew with the first PDO."""
+        """Follow NMT out of OPERATIONAL: the deadlines restart with the first PDO."""
         self._late.clear()
         self._observe(Watchdog.SETPOINT, False)
 
     def rewatch(self, before: int, after: int) -> None:
-        """Follow a write to the heartbeat consumer: another watch is a new one."""
+        """Apply a write to the heartbeat consumer: another node is a new one."""
         node_id = watched_node(before)
         if node_id and node_id != watched_node(after):
             self._seen.discard(node_id)
@@ -128,14 +128,14 @@ class Commander:
             self._back(node_id)
 
     def silent(self, node_id: int, lost: bool) -> None:
-        """Record that a node is silent, or heard again; node-ID 0 is life guarding."""
+        """Record that a node is silent, or is received again; node-ID 0 is life guarding."""
         if lost:
             self._lose(node_id)
         else:
             self._back(node_id)
 
     def heard(self, node_id: int, state: int) -> None:
-        """Take a heartbeat, or the boot-up message, of a watched node."""
+        """Take a heartbeat or the boot-up message of a supervised node."""
         if node_id == self._plate:
             return
         if state == NMTState.INITIALISING:
@@ -156,13 +156,13 @@ class Commander:
         self._back(node_id)
 
     def level(self) -> float:
-        """Return the largest share of its time for which a node has left OPERATIONAL, 0..1."""
+        """Return the longest time for which a node has left OPERATIONAL, as a fraction, 0..1."""
         now = self._clock.now
         since = [at for at in self._resting.values() if at != _UP]
         return (now - min(since)) / NOT_OPERATIONAL_US if since else 0.0
 
     def late(self, rpdo: int, late: bool) -> None:
-        """Record that the set-points of an RPDO are late, or have come again."""
+        """Record that the set-points of an RPDO are late, or are received again."""
         if late:
             self._late.add(rpdo)
             self._observe(Watchdog.SETPOINT, True)
@@ -183,7 +183,7 @@ class Commander:
 
     @property
     def kept(self) -> bool:
-        """Whether the loss of the commander would be noticed."""
+        """Whether a loss of the commander would be detected."""
         device = self._device
         return (
             self._lockstep
@@ -193,13 +193,13 @@ class Commander:
         )
 
     def advice(self) -> str:
-        """Return what the watches that are set wait for, or how to set one."""
+        """Return how the supervision that is configured becomes active, or how to configure one."""
         return ", or ".join(self._set_but_silent()) or (
             f"enter your heartbeat in {_TABLE} and send it, or set Drive unwatched to 1"
         )
 
     def _set_but_silent(self) -> Iterator[str]:
-        """Yield what each watch waits for that is set: its first sign of life."""
+        """Yield for each configured supervision the frame that it waits for."""
         nodes = [watched_node(entry.value) for entry in self._watches]
         if masters := [f"{node}" for node in nodes if node not in (0, self._plate)]:
             which = " or ".join(masters)
@@ -222,17 +222,17 @@ _MEASURED_TPDOS: Final = (2, 3, 4)
 
 
 class Publishing:
-    """The drive, the public TPDOs, and what was latched as emergency messages.
+    """Send the drive, the public TPDOs, and the latched faults as emergency messages.
 
-    TPDO 1 goes out when status or mode change, TPDO 2 to 4 in every cycle if their transmission
-    type is 254; else they go out by their type.
+    TPDO 1 is sent when status or mode change. TPDO 2 to 4 are sent in every cycle if their
+    transmission type is 254, else by their type.
 
     Parameters
     ----------
     device
-        That of the stimulator.
+        Device of the stimulator.
     supervisor
-        Latches the faults that are reported.
+        Supervisor that latches the faults.
     """
 
     def __init__(self, device: Device, supervisor: Supervisor) -> None:
@@ -246,7 +246,7 @@ class Publishing:
         ]
 
     def cycle(self) -> None:
-        """Publish what a cycle has changed."""
+        """Send the TPDOs that a cycle has changed."""
         trigger = self._device.trigger
         trigger(_STATUS_TPDO)
         for number, transmission in self._types:
@@ -254,22 +254,22 @@ class Publishing:
                 trigger(number)
 
     def status(self) -> None:
-        """Publish another state at once."""
+        """Send TPDO 1 immediately after a change of state."""
         self._device.trigger(_STATUS_TPDO)
 
     def drive(self, session: int) -> None:
-        """Send the drive; who sends it, and whether in FAULT, is in its check alone."""
+        """Send the drive; its check sum also covers the sender's node-ID and FAULT state."""
         latched = LATCHED if self._supervisor.state is State.FAULT else 0
         self._drive.write_check(bytes((session, self._device.od.node_id | latched)))
         self._device.trigger(DRIVE_TPDO)
 
     def all(self) -> None:
-        """Publish everything, for the last time."""
+        """Send all public TPDOs for the last time."""
         for number in (_STATUS_TPDO, *_MEASURED_TPDOS):
             self._device.trigger(number)
 
     def report(self) -> None:
-        """Make emergency messages of what was latched, or reset, since the last time."""
+        """Send emergency messages for faults latched or reset since the last call."""
         before, self._reported = self._reported, self._supervisor.latched
         if before == self._reported:
             return
@@ -281,26 +281,27 @@ class Publishing:
             self._device.trigger(_STATUS_TPDO)
 
     def mark_reported(self) -> None:
-        """Mark what is latched now as reported: in a reset there is no device to send it."""
+        """Mark the latched faults as reported, as during a reset no message can be sent."""
         self._reported = self._supervisor.latched
 
     def report_all(self) -> None:
-        """Report all that is latched, also since before a reset."""
+        """Report all latched faults again, also those from before a reset."""
         self._reported = 0
         self.report()
 
 
 _PERCENT: Final = 100
 _LINKING: Final = (NMTState.RESET_COMMUNICATION, NMTState.OPERATIONAL)
-"""After a reset the links can be read; what a master has written since is mended at the start."""
+"""States in which links are set: after a reset, so that they can be read; and at the start, for
+those that a master has changed since."""
 _RESETS: Final = (NMTState.RESET_APPLICATION, NMTState.RESET_COMMUNICATION)
 
 
 class StimulatorNode(DeviceNode):
     """Nested controllers and tribometer, with the plate inside or as a node on the bus.
 
-    With the plate inside, the loop ticks by `advance`. With a plate node, a cycle is computed when
-    the last measurement of its tick has come, and the drive goes out at once.
+    With the plate inside, `advance` moves the loop. With a plate node, a cycle is computed as soon
+    as the last measurement PDO of its tick is received, and the drive is sent immediately.
 
     Parameters
     ----------
@@ -309,15 +310,15 @@ class StimulatorNode(DeviceNode):
     plate
         Function block of the plate inside; None with a plate node.
     plate_node_id
-        Node-ID of the plate node, 1..127, whose default COB-IDs the stimulator links to; 0 with
+        Node-ID of the plate node, 1..127, to whose default COB-IDs the stimulator links; 0 with
         the plate inside.
     produce_sync
         Whether this node produces the SYNC that is the tick of the plate node.
     lockstep
-        Whether SYNC is the only clock: no time passes without the master then, who need not be
-        watched.
+        Whether SYNC is the only clock. As no time then passes without the master, the master need
+        not be supervised.
     deadline_ms
-        Default of the event timers of the measurements; None for that of the EDS.
+        Default of the event timers of the measurements in ms; None for the default of the EDS.
     presets
         Raw values by name that replace defaults of the EDS at power-on.
     storage, node_id
@@ -371,7 +372,7 @@ class StimulatorNode(DeviceNode):
         self._controlword = od["Controlword"]
 
     def overdue(self) -> list[Frame]:
-        """Trip if the plate was not answered in time, before frames are heard that waited."""
+        """Trip if the plate was not answered in time, before waiting frames are processed."""
         self._loop.overdue()
         return self.device.take()
 
@@ -391,9 +392,9 @@ class StimulatorNode(DeviceNode):
         return self.device.take()
 
     def levels(self) -> tuple[float, ...]:
-        """How near each watchdog of `COUNTED` is to a fault, 1.0, at the end of this tick.
+        """Return the level of each watchdog of `COUNTED` at the end of this tick; 1.0 is a fault.
 
-        It costs nothing unless asked, after a cycle: no cycle works for it.
+        It is computed only on request, after a cycle; no cycle takes time for it.
         """
         s = self._supervisor
         temperature = self._temperature.value * self._temperature.si
@@ -406,14 +407,14 @@ class StimulatorNode(DeviceNode):
         return tuple([shares[watchdog] for watchdog in COUNTED])
 
     def shutdown(self) -> list[Frame]:
-        """Leave the plate at 0 V, and publish that."""
+        """Set the plate to 0 V, and publish the state."""
         self.block.disarm()
         self._publishing.drive(self._loop.session)
         self._publishing.all()
         return self.device.take()
 
     def on_state(self, state: NMTState) -> None:
-        """Start from rest at power-on, link to the plate node; only OPERATIONAL drives."""
+        """Start from rest at power-on, link to the plate node; drive only in OPERATIONAL."""
         if state is NMTState.RESET_APPLICATION:
             self._unfit = mend_settings(self.od)
             self.block.power_on()
@@ -444,26 +445,26 @@ class StimulatorNode(DeviceNode):
             self._publishing.report_all()
 
     def on_sync(self) -> bool:
-        """Check when the SYNC comes, its counter, and who sent it."""
+        """Check the time, the counter and the sender of a SYNC."""
         if self._plate_node_id:
             self._missed_time.awake()
             self._loop.sync(self.device)
         return True
 
     def on_collision(self, heard: bool) -> None:
-        """Stop when another node has an identifier of this one."""
+        """Trip when another node uses an identifier of this node."""
         self._loop.source.collide(heard)
 
     def on_error_control(self, node_id: int, lost: bool) -> None:
-        """Stop when a watched node falls silent."""
+        """Trip when a supervised node is silent."""
         self._commander.silent(node_id, lost)
 
     def on_heartbeat(self, node_id: int, state: int) -> None:
-        """Stop when a watched node starts anew, or is OPERATIONAL no more."""
+        """Trip when a supervised node boots again, or has left OPERATIONAL for too long."""
         self._commander.heard(node_id, state)
 
     def on_emergency(self, code: int) -> None:
-        """Trip when the plate has gone to 0 V by itself, or another sends its frames."""
+        """Trip when the plate reports that it went to 0 V, or another sender of its frames."""
         watchdog = REPORTED_BY_PLATE.get(code)
         if watchdog is Watchdog.DOUBLE:
             self._loop.source.plate_reports_another()
@@ -471,12 +472,12 @@ class StimulatorNode(DeviceNode):
             self._observe(watchdog, True)
 
     def on_rpdo_timeout(self, number: int, late: bool) -> None:
-        """Stop when the master's set-points stay away; measurements have a watch of their own."""
+        """Trip when the master's set-points are late; measurements have a watchdog of their own."""
         if number not in MEASUREMENT_RPDOS:
             self._commander.late(number, late)
 
     def on_rpdo(self, number: int) -> None:
-        """Obey a controlword."""
+        """Obey a controlword received in an RPDO."""
         if self.device.carries(number, self._controlword):
             before = self.block.state
             self.block.note_supervision(self._commander.kept)
@@ -485,7 +486,7 @@ class StimulatorNode(DeviceNode):
             self._show_change(before)
 
     def on_loop_rpdo(self, number: int, data: bytes) -> None:
-        """Answer a measurement that is complete."""
+        """Answer a measurement if this PDO completes it."""
         loop = self._loop
         if self._plate_node_id and loop.take(number, data):
             if not self._period.agrees():
@@ -498,12 +499,12 @@ class StimulatorNode(DeviceNode):
             self._publish()
 
     def on_store(self) -> None:
-        """Refuse to store while armed or running: a file may take longer than a cycle.
+        """Refuse to store while armed or running: writing a file may take longer than a cycle.
 
         Raises
         ------
         Abort
-            STATE in these states.
+            STATE while armed or running.
         """
         if self._supervisor.armed:
             raise Abort(
@@ -511,7 +512,7 @@ class StimulatorNode(DeviceNode):
             )
 
     def on_write(self, entry: Entry, value: Any) -> None:
-        """Refuse a mode that drives outside OPERATIONAL, and what the block refuses."""
+        """Apply a write; raise `Abort` as the block does, and for a Mode outside OPERATIONAL."""
         if entry is self._mode and value and self.device.nmt_state is not NMTState.OPERATIONAL:
             raise Abort(
                 AbortCode.STATE,
@@ -530,16 +531,16 @@ class StimulatorNode(DeviceNode):
             self._loop.start_run()
 
     def on_parameters(self) -> None:
-        """Follow another deadline of the loop."""
+        """Apply a new deadline of the loop."""
         if self._plate_node_id:
             self.block.follow_deadline()
 
     def on_refused(self, name: str, reason: str) -> None:
-        """Set the Message to the reason."""
+        """Set the Message to the reason of a refused write."""
         self._supervisor.refuse(name, reason)
 
     def _judge_time(self) -> None:
-        """Stop if too much of a second of the run had no cycle."""
+        """Trip if too many ticks of a second of the run had no cycle."""
         missed = self._missed_time.cycle()
         if self._plate_node_id and not self.device.sync.own:
             self._missed.count(missed)
@@ -548,7 +549,7 @@ class StimulatorNode(DeviceNode):
             self.block.observe(Watchdog.MISSED_TIME, True)
 
     def _details(self, watchdog: Watchdog) -> str:
-        """Return what the text of a fault lacks."""
+        """Return details for the text of a fault."""
         if watchdog is Watchdog.MISSED_TIME:
             return self._missed_time.summary()
         return self._loop.late_answers.summary() if watchdog in OF_LATE_DRIVES else ""
@@ -559,7 +560,7 @@ class StimulatorNode(DeviceNode):
             self._observe(Watchdog.MEASUREMENT, True)
 
     def _tick(self) -> None:
-        """Step a cycle with the plate inside; those that were missed are counted."""
+        """Run a cycle with the plate inside, and count the missed ticks."""
         self._missed.count(self._ticker.missed)
         self.block.tick()
         self._judge_time()
@@ -567,7 +568,7 @@ class StimulatorNode(DeviceNode):
         self._publish()
 
     def _show_change(self, before: State) -> None:
-        """Publish another state at once, and 0 V for a plate that drives or awaits the reset."""
+        """Publish a change of state immediately, with a drive of 0 V after RUNNING and FAULT."""
         if self.block.state is before:
             return
         if self.block.state is State.RUNNING:
@@ -577,7 +578,7 @@ class StimulatorNode(DeviceNode):
             self._publishing.drive(self._loop.session)
 
     def _observe(self, watchdog: Watchdog, present: bool) -> None:
-        """Take a fault that comes, or goes, between two cycles: the plate node gets 0 V at once."""
+        """Take a fault that comes or goes between two cycles; a trip sends 0 V immediately."""
         if not (present or self._supervisor.present >> watchdog & 1):
             return
         before = self.block.state

@@ -1,4 +1,4 @@
-"""The supervisor: state machine, faults present, latched and remembered, and their objects."""
+"""The supervisor: state machine; present, latched and stored faults; and their objects."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ _SETPOINTS: Final = ("Voltage", "Frequency", "Amplitude", "COF left", "COF right
 
 
 class FaultMemory:
-    """A line a fault, the newest first: its code, its cause, the mode and the set-points.
+    """Text lines of the last faults, the newest first: code, cause, mode and set-points.
 
-    It is a record only. What is latched, and inhibits a run, is the supervisor's.
+    It is only a record. The supervisor holds the latched faults, which inhibit a run.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class FaultMemory:
     Attributes
     ----------
     lines
-        What is kept: a tuple, which another thread may read.
+        Stored lines, as a tuple that another thread may read.
     """
 
     def __init__(self, od: ObjectDictionary) -> None:
@@ -50,19 +50,19 @@ class FaultMemory:
         self.lines: tuple[str, ...] = ()
 
     def recall(self, lines: tuple[str, ...]) -> None:
-        """Begin with lines that were kept elsewhere."""
+        """Start with lines that were stored elsewhere."""
         self.lines = lines[: len(self._places)]
         self.show()
 
     def show(self) -> None:
-        """Put them into the object dictionary, after a reset of it, too."""
+        """Write the lines to the object dictionary, also after a reset of it."""
         for place in self._places:
             place.value = ""
         for place, line in zip(self._places, self.lines, strict=False):
             place.value = line
 
     def note(self, code: int, text: str, circumstances: str = "") -> None:
-        """Keep a fault, with mode and set-points unless there is something else to say."""
+        """Add a fault, with mode and set-points unless other circumstances are given."""
         line = f"{code:04X}h {text}; {circumstances or self._asked()}"
         self.recall((line, *self.lines))
 
@@ -77,19 +77,19 @@ def _shown(entry: Entry) -> str:
     return f"{name} {number:.10g} {entry.unit.symbol}".rstrip()
 
 
-# What every cycle asks for stands here: looking a member of an enumeration up costs much more.
+# Needed in every cycle: module constants, as looking up an enumeration member is much slower.
 _ARMED: Final = State.ARMED
 _RUNNING: Final = State.RUNNING
 _ARMED_STATES: Final = (_ARMED, _RUNNING)
 _CONTROLWORD: Final = "Controlword"
 _PRESENT: Final = CYCLIC | sum(1 << w for w, row in WATCHDOGS.items() if row.lasting)
-"""Bits of the faults that stay present until they are observed, or reported, to be gone."""
+"""Bits of the faults that stay present until they are observed, or reported, as gone."""
 _SHOWN: Final = sum(1 << watchdog for watchdog, row in WATCHDOGS.items() if row.shown)
 _OVERLOAD: Final = 1 << Watchdog.NORMAL_FORCE | 1 << Watchdog.LATERAL_FORCE
 
 
 class Diagnosis(NamedTuple):
-    """The objects that show the first latched fault and the bits of all."""
+    """Objects that show the code of the first latched fault, and the bits of all faults."""
 
     code: Entry
     present: Entry
@@ -97,7 +97,7 @@ class Diagnosis(NamedTuple):
 
 
 class Refusal(NamedTuple):
-    """Why a write was refused, and the record that it was for."""
+    """Record to which a write was refused, and the reason."""
 
     record: str
     reason: str
@@ -107,43 +107,44 @@ _NO_REFUSAL: Final = Refusal("", "")
 
 
 class Supervisor:
-    """Only RUNNING drives; a fault while armed or running is latched until it is reset.
+    """Permit a voltage only in RUNNING; latch a fault that comes while armed or running.
 
-    It switches nothing off and sends nothing: the caller reads its state and what is latched.
+    It switches nothing off and sends nothing: the caller reads the state and the latched faults.
 
     Parameters
     ----------
     od
         Object dictionary of ``stimulator.eds``.
     plan
-        What the watchdogs judge by at first.
+        Plan of the watchdogs at the start.
 
     Attributes
     ----------
     machine
         The state machine.
     plan
-        What the watchdogs judge by; whoever replaces it does so between two cycles.
+        Plan of the watchdogs; to be replaced only between two cycles.
     watch
-        The watchdogs after the last cycle.
+        State of the watchdogs after the last cycle.
     in_force
-        The drives that may be in force until the next one.
+        Drives that may be in force until the next one.
     memory
-        The newest faults.
+        Last faults as text.
     operational
-        Whether NMT lets the device drive; True without CANopen.
+        Whether the NMT state allows a voltage; True without CANopen.
     live
-        Whether the loop has given a measurement since the device became operational.
+        Whether a measurement was received since the device became operational.
     tared
         Whether the gauges have a zero.
     supervised
-        Whether the loss of the commander would be noticed, or need not be; True without CANopen.
+        Whether a loss of the commander would be detected, or detection is not required; True
+        without CANopen.
     advice
-        Returns what to do to be supervised; called when arming is refused because nothing
-        supervises the commander.
+        Function that returns how to become supervised. It is called when arming is refused because
+        the commander is not supervised.
     details
-        Returns what the text of a fault lacks, such as how many drives were late; called when the
-        fault is latched.
+        Function that returns details for the text of a fault, such as the number of late drives. It
+        is called when the fault is latched.
     present, latched
         Faults as bits, 1 << `Watchdog`.
     """
@@ -177,12 +178,12 @@ class Supervisor:
 
     @property
     def armed(self) -> bool:
-        """Whether a fault now would trip: the device is armed or running."""
+        """Whether a fault would trip now: the device is armed or running."""
         return self.machine.state in _ARMED_STATES
 
     @property
     def tare_inhibited(self) -> bool:
-        """Whether a new zero of the gauges is refused: it would change a drive or hide a fault.
+        """Whether a new zero of the gauges is refused, as it would change a drive or hide a fault.
 
         True while armed or running, and while a latched fault of the normal or lateral force is
         present.
@@ -190,7 +191,7 @@ class Supervisor:
         return self.armed or bool(self.present & self.latched & _OVERLOAD)
 
     def restart(self) -> None:
-        """Begin as after power-on; a reset out of RUNNING is a fault."""
+        """Reset to the state after power-on; a reset from RUNNING is a fault."""
         driven = self.machine.state is State.RUNNING
         self.machine.restart()
         self.memory.show()
@@ -203,7 +204,7 @@ class Supervisor:
         self._publish()
 
     def rest(self) -> None:
-        """Reset the watchdogs of the cycle, as the plate is at rest."""
+        """Reset the watchdogs of the cycle for a plate at rest."""
         self.watch: WatchState = at_rest(self.plan)
         self.in_force: InForce = UNDRIVEN
 
@@ -213,8 +214,8 @@ class Supervisor:
         Raises
         ------
         Abort
-            VALUE for unknown bits; STATE where the table of transitions has no row for it, the
-            state is then unchanged. With the reason.
+            VALUE for unknown bits; STATE if there is no transition for it, the state is then
+            unchanged. With the reason.
         """
         if word & ~CONTROL_MASK:
             raise Abort(AbortCode.VALUE, f"Controlword {word:04X}h has bits without a meaning")
@@ -223,9 +224,9 @@ class Supervisor:
         self._seen = word
 
     def take_controlword(self) -> None:
-        """Obey the controlword that an RPDO brought; count what is illegal, and ignore it.
+        """Obey a controlword received in an RPDO; count an illegal one, and ignore it.
 
-        What the first one in OPERATIONAL asks for stood there before, and is not obeyed.
+        The bits of the first one in OPERATIONAL count as set before, and are not obeyed.
         """
         word = self._controlword.value
         if self._ignores_first:
@@ -243,20 +244,20 @@ class Supervisor:
     def permit(
         self, asked: Drive, measured: Measured, mode: int, cascade: Cascade, *, late: bool
     ) -> Drive:
-        """Supervise a cycle, and return the drive that may go out: 0 V unless it is RUNNING.
+        """Supervise a cycle; return the drive to send, which is 0 V unless RUNNING.
 
         Parameters
         ----------
         asked
-            What the controllers ask for.
+            Drive of the controllers.
         measured
-            What they have answered.
+            Measurement that it answers.
         mode
-            Mode in which they were asked.
+            Mode of the controllers in this cycle.
         cascade
-            The controllers after the cycle.
+            Controllers after the cycle.
         late
-            Whether the plate gets the drive too late for the cycle that begins with that
+            Whether the drive reaches the plate too late for the cycle that begins with this
             measurement.
         """
         plan = self.plan
@@ -273,17 +274,18 @@ class Supervisor:
         return drive
 
     def observe(self, faults: int, watchdogs: int) -> None:
-        """Set which faults of some watchdogs are present, and trip: there is no other way to trip.
+        """Set which faults of some watchdogs are present, and trip; nothing else trips.
 
-        While armed or running every fault is latched, in FAULT those that come between two cycles.
-        After the last fault has gone the device is READY with the next cycle.
+        While armed or running, every fault is latched. In FAULT, a fault that comes between two
+        cycles is latched. After the last fault has gone, the device becomes READY with the next
+        cycle.
 
         Parameters
         ----------
         faults
-            Those that are present, as bits, 1 << `Watchdog`.
+            Faults that are present, as bits, 1 << `Watchdog`.
         watchdogs
-            Those that were looked at, `CYCLIC` in a cycle; the others stay as they are.
+            Watchdogs that were checked, as bits; `CYCLIC` in a cycle. The others stay unchanged.
         """
         before = self.present
         between = watchdogs != CYCLIC
@@ -308,22 +310,22 @@ class Supervisor:
                     self._clear_message()
 
     def handle(self, event: Event) -> None:
-        """Make the transition for an event, if the table has one; leaving FAULT clears it."""
+        """Make the transition for an event, if there is one; leaving FAULT clears the faults."""
         before = self.machine.state
         self.machine.handle(event, self._holds())
         self._clear_after(before)
 
     def refuse(self, name: str, reason: str) -> None:
-        """Set the Message to why a write to an object was refused, unless a fault is latched.
+        """Set the Message to the reason of a refused write, unless a fault is latched.
 
-        It stays until a write to that record is accepted: see `accept`.
+        The Message stays until a write to that record is accepted, see `accept`.
         """
         if not self.latched:
             self._refusal = Refusal(name.partition(".")[0], reason)
             self._message.value = reason
 
     def accept(self, name: str) -> None:
-        """Take the reason of a refusal out of the Message, as its record has taken a write."""
+        """Clear the reason of a refusal from the Message, as a write to its record was accepted."""
         record, reason = self._refusal
         if record == name.partition(".")[0]:
             self._refusal = _NO_REFUSAL
@@ -331,7 +333,7 @@ class Supervisor:
                 self._clear_message()
 
     def leave(self) -> None:
-        """Follow NMT out of OPERATIONAL; out of RUNNING that is a fault."""
+        """Follow NMT out of OPERATIONAL; leaving it in RUNNING is a fault."""
         self.operational = False
         self.live = False
         if self.machine.state is State.RUNNING:
@@ -340,7 +342,7 @@ class Supervisor:
         self.handle(Event.LEAVE)
 
     def enter(self) -> None:
-        """Follow NMT into OPERATIONAL; what stands in the controlword is not obeyed."""
+        """Follow NMT into OPERATIONAL; the present controlword is not obeyed."""
         self.operational = True
         self._ignores_first = True
 
@@ -359,7 +361,7 @@ class Supervisor:
         self.prepare()
 
     def prepare(self) -> None:
-        """Change between NOT_READY and READY by the conditions."""
+        """Change between NOT_READY and READY according to the conditions."""
         state = self.machine.state
         if state is State.NOT_READY or state is State.READY:
             prepared = self._holds() & Guard.PREPARED
@@ -368,7 +370,7 @@ class Supervisor:
         self._diagnosis.present.value = self.present
 
     def _safe_frequency(self, frequency: float) -> float:
-        """Keep a frequency within the limits; for any other take the one put out last."""
+        """Return the frequency if it is within the limits, else the one put out last."""
         plan = self.plan
         if plan.f_min <= frequency <= plan.f_max:
             return frequency
@@ -401,7 +403,7 @@ class Supervisor:
         return f"Controlword {word:04X}h is refused in state {name}: {order}"
 
     def _lacks(self) -> Iterator[str]:
-        """Yield what each condition of READY waits for."""
+        """Yield for each condition of READY that is not met what to do."""
         if not self.operational:
             yield "the node is not in NMT OPERATIONAL, start it"
         elif not self.live:
@@ -434,14 +436,14 @@ class Supervisor:
         self._diagnosis.latched.value = self.latched
 
     def _clear_after(self, before: State) -> None:
-        """Forget what was latched when FAULT is left."""
+        """Clear the latched faults when FAULT is left."""
         if before is State.FAULT and self.machine.state is not before:
             self.latched = 0
             self._clear_message()
             self._publish()
 
     def _clear_message(self) -> None:
-        """Set the Message to the first present fault that somebody has to mend."""
+        """Set the Message to the first present fault that needs action."""
         texts = (row.text for w in watchdogs_in(self.present) if (row := WATCHDOGS[w]).shown)
         self._message.value = next(texts, "")
 

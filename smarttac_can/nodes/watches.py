@@ -1,15 +1,15 @@
-"""The watchdogs that look at every cycle of the loop.
+"""The watchdogs that check every cycle of the loop.
 
-`watch_step` looks at a measurement and at the drive that is to answer it. It steps the counts in
-the table `WATCHDOGS` and returns the faults that are present, one bit for each watchdog. A count
-forgets in one of two ways:
+`watch_step` checks a measurement and the drive that is to answer it. It steps the counts in the
+table `WATCHDOGS` and returns the faults that are present, one bit for each watchdog. There are two
+kinds of counts:
 
-* **Slowly**: a leaky bucket. A faulty cycle adds `FORGOTTEN`, a sound one takes 1 away. So many in
-  a row are a fault, and so are fewer that come again and again: of any n cycles without a fault,
-  fewer than ``(most FORGOTTEN + n)/(FORGOTTEN + 1)`` were faulty.
-* **At once**: only faulty cycles in a row are a fault.
+* A **leaky bucket** (`Way.SLOWLY`): a faulty cycle adds `FORGOTTEN`, a sound cycle subtracts 1. A
+  number of faulty cycles in a row (``most``) is a fault, and so are fewer that recur: among any n
+  cycles without a fault, fewer than ``(most FORGOTTEN + n)/(FORGOTTEN + 1)`` were faulty.
+* A count **in a row**: a sound cycle sets it to 0.
 
-A cycle that cannot be judged is neither faulty nor sound: the count stays.
+A cycle that cannot be judged is neither faulty nor sound, and leaves the count unchanged.
 """
 
 from __future__ import annotations
@@ -46,26 +46,28 @@ from smarttac_can.vocabulary.watchdogs import (
 )
 
 _PLATE_END: Final = 0.038
-"""End of the plate in m from its middle: a finger presses no farther out."""
+"""Distance in m from the middle of the plate to its end; a finger cannot press farther out."""
 _FRICTION_MAX: Final = 2.0
-"""Largest Ft/Fn a finger can have; that of a wet one is near 1.5."""
+"""Largest Ft/Fn of a finger; a wet one reaches about 1.5."""
 _EXCESS: Final = 1.5
-"""Largest ratio of the vibration to that of the model: fingers and detuning only lower it."""
+"""Largest ratio of the vibration to that of the model. Fingers and detuning only lower it."""
 _EXCESS_UNIDENTIFIED: Final = 3.0
-"""Largest such ratio while the model is still to be identified."""
+"""Largest such ratio during an identification."""
 _EXCESS_OFFSET: Final = 100e-9
-"""Vibration in m that needs no voltage: noise, and the tail of one that dies down."""
+"""Vibration in m that is accepted without a voltage: noise, and the decay of a vibration."""
 _LACK: Final = 0.8
-"""Lowest ratio of the vibration to the least that model, phase and finger allow."""
+"""Lowest ratio of the vibration to the bound from below."""
 _SILENCE: Final = 0.05
-"""Lowest ratio of the vibration to that of the model; 0.2 at the ends of the frequency range."""
+"""Lowest ratio of the vibration to that of the model. At the ends of the frequency range it is
+0.2."""
 _LOOKED_FOR: Final = 200e-9
-"""Vibration of the model in m from which its absence is looked for."""
+"""Vibration of the model in m above which a missing vibration is detected."""
 _GAP_MAX: Final = TICK_MASK // 2
-"""Most ticks between two measurements: more are a step back, as where a plate starts anew."""
+"""Most ticks between two measurements. A larger difference is a step back, as after a restart of
+the plate."""
 _NO_PLATE: Final = 0
 _OPEN_LOOP: Final = int(Mode.OPEN_LOOP)
-"""The mode in which the frequency may hop; a loop that hunts in frequency is no excuse."""
+"""The mode in which frequency steps are excused. In other modes they may be a sign of the fault."""
 _IDENTIFY: Final = int(Mode.IDENTIFY)
 
 _COUNTS: Final = [(watchdog, count) for watchdog, row in WATCHDOGS.items() for count in row.counts]
@@ -75,12 +77,12 @@ _STEPS: Final = [
     (1 << place, 1 << watchdog, count.way is Way.SLOWLY)
     for place, (watchdog, count) in enumerate(_COUNTS)
 ]
-"""Of each count: its bit, that of its watchdog, and whether it is a leaky bucket."""
+"""For each count: its bit, the bit of its watchdog, and whether it is a leaky bucket."""
 _ELSEWHERE: Final = [
     sum(1 << place for place, (_, count) in enumerate(_COUNTS) if mode not in count.modes)
     for mode in Mode
 ]
-"""By mode the bits of the counts that are not of that mode."""
+"""For each mode: the bits of the counts that do not apply in it."""
 _AMPLITUDE: Final = 1 << _PLACES["amplitude"]
 _SATURATED: Final = 1 << _PLACES["saturated"]
 _GAUGES: Final = 1 << _PLACES["gauges"]
@@ -103,11 +105,11 @@ _CALIBRATION: Final = 1 << Watchdog.CALIBRATION
 
 
 class WatchPlan(NamedTuple):
-    """What the watchdogs judge by, in SI units; it follows from parameters."""
+    """Parameters of the watchdogs, in SI units."""
 
     bound: BoundPlan
     W_trip: float
-    """Limit of the amplitude that is read, in m peak-to-peak."""
+    """Limit of the measured amplitude in m peak-to-peak."""
     V_max: float
     """Limit of the voltage in V."""
     f_min: float
@@ -119,11 +121,11 @@ class WatchPlan(NamedTuple):
     Fn_max: float
     """Limit of the normal force in N."""
     Ft_max: float
-    """Limit of the size of the lateral force in N."""
+    """Limit of the magnitude of the lateral force in N."""
     mismatch: float
-    """By how much gauges may contradict each other, in N."""
+    """Largest contradiction between gauges in N."""
     gauge_positions: tuple[float, float, float, float]
-    """Of S3 to S6 along x in m."""
+    """Positions of S3 to S6 along x in m."""
     serial: int
     """Serial number of the plate that the calibration is for; 0 for none."""
     full: tuple[int, ...]
@@ -131,38 +133,38 @@ class WatchPlan(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """What the watchdogs look at in a cycle."""
+    """Inputs of the watchdogs in a cycle."""
 
     measured: Measured
     mode: int
-    """Mode in which the controllers were asked."""
+    """Mode of the controllers in this cycle."""
     left_in: int
-    """Mode after it: the controllers leave one by themselves in doubt."""
+    """Mode after the cycle; the controllers leave a mode by themselves in doubt."""
     asked: Drive
-    """What they ask for."""
+    """Drive of the controllers."""
     contact: Contact
     zero: Forces
     """Zero of the gauges in N."""
     tared: bool
-    """Whether there is one."""
+    """Whether the gauges have a zero."""
     in_force: InForce
-    """The drives since the measurement before."""
+    """Drives since the measurement before."""
 
 
 class WatchState(NamedTuple):
-    """The watchdogs after a cycle."""
+    """State of the watchdogs after a cycle."""
 
     tick: int
-    """Of the plate, 0..255."""
+    """Tick of the plate, 0..255."""
     vibration: Vibration
     counts: tuple[int, ...]
-    """In the order of the table."""
+    """Counts, in the order of the table."""
     rests_at: tuple[int, ...]
-    """Sample of each sensor from which on it rests, in counts of its converter."""
+    """Sample of each sensor since which it has not changed, in counts of its converter."""
     rests: tuple[int, ...]
-    """For how many samples it has."""
+    """Number of samples for which each sensor has not changed."""
     zero: tuple[float, ...]
-    """Zero of the gauges; empty before the first."""
+    """Zero of the gauges in N; empty before the first."""
 
 
 def watch_plan(
@@ -172,19 +174,19 @@ def watch_plan(
     identified: bool,
     deadline_ms: int = SHORT_DEADLINE_MS,
 ) -> WatchPlan:
-    """Return what the watchdogs judge by.
+    """Return the parameters of the watchdogs.
 
     Parameters
     ----------
     parameters
-        Those of the controllers, whose limits and calibration apply here, too.
+        Parameters of the controllers, whose limits and calibration also apply here.
     si
-        Returns the value of an object of ``stimulator.eds`` in SI units.
+        Function that returns the value of an object of ``stimulator.eds`` in SI units.
     identified
-        Whether the model is that of an identification.
+        Whether the model comes from an identification.
     deadline_ms
-        Shortest event timer of the measurements that come over a bus. By as much as it is above
-        3 ms a drive may be late, and what the vibration should follow from is not in force.
+        Shortest event timer of the measurements over a bus, in ms. A drive may be late by the time
+        above 3 ms. The drive from which the vibration is expected is not in force until then.
     """
     (xx, xy), (yx, yy) = parameters.lateral
     separable = abs(xx * yy - xy * yx) >= DETERMINANT_MIN
@@ -199,14 +201,14 @@ def watch_plan(
         Ft_max=si("Limit.Lateral force"),
         mismatch=si("Limit.Gauge mismatch"),
         gauge_positions=parameters.gauge_positions,
-        # By a calibration that mixes the axes up a lateral force may read as none.
+        # With a calibration that mixes up the axes, a lateral force may read as 0.
         serial=int(si("Calibration.Plate serial number")) if separable else _NO_PLATE,
         full=full_counts(deadline_ms),
     )
 
 
 def full_counts(deadline_ms: int) -> tuple[int, ...]:
-    """Return at how much each count is a fault under a deadline of the loop."""
+    """Return the value at which each count is a fault under a deadline of the loop in ms."""
     late = max(0, deadline_ms - SHORT_DEADLINE_MS)
     cycles = [count.cycles + late * count.waits for _, count in _COUNTS]
     return tuple(
@@ -215,33 +217,33 @@ def full_counts(deadline_ms: int) -> tuple[int, ...]:
 
 
 def at_rest(plan: WatchPlan) -> WatchState:
-    """Return watchdogs that have seen nothing: the plate is at rest, and tick 0 is next."""
+    """Return the state of the watchdogs for a plate at rest; the next tick is 0."""
     nothing = (0,) * len(SENSORS)
     return WatchState(TICK_MASK, still(plan.bound), _NO_COUNTS, nothing, nothing, ())
 
 
 def watch_step(plan: WatchPlan, before: WatchState, seen: Seen) -> tuple[WatchState, int]:
-    """Look at a cycle.
+    """Check a cycle.
 
     Parameters
     ----------
     plan
-        What the watchdogs judge by.
+        Parameters of the watchdogs.
     before
-        The watchdogs after the cycle before.
+        State of the watchdogs after the cycle before.
     seen
-        The cycle.
+        Inputs of this cycle.
 
     Returns
     -------
     tuple
-        The watchdogs after it, and the faults that are present, as bits, 1 << `Watchdog`.
+        State of the watchdogs after this cycle, and the present faults as bits, 1 << `Watchdog`.
     """
     tick, vibration, counts, rests_at, rests, zero = before
     measured, mode, _, _, contact, offsets, tared, in_force = seen
     measurement = measured.si
     W, gauges, _, saturation = measurement
-    # A measurement that is lost or passed over is time for the vibration all the same.
+    # During a lost or skipped measurement the vibration changes all the same.
     ticks = measured.tick - tick & TICK_MASK
     if ticks > _GAP_MAX:
         ticks = 1
@@ -260,7 +262,7 @@ def watch_step(plan: WatchPlan, before: WatchState, seen: Seen) -> tuple[WatchSt
         if _odd(plan, gauges, offsets, Fn, Ft):
             faulty |= _GAUGES
         if offsets != zero:
-            # What contradicted each other was the old zero.
+            # The contradiction came from the old zero.
             zero = offsets
             cleared |= _GAUGES
     else:
@@ -275,7 +277,7 @@ def watch_step(plan: WatchPlan, before: WatchState, seen: Seen) -> tuple[WatchSt
 def levels(
     plan: WatchPlan, state: WatchState, in_force: InForce, contact: Contact, temperature: float
 ) -> dict[Watchdog, float]:
-    """Return how near a fault each of these watchdogs is after a cycle, 1.0 where it is there."""
+    """Return the level of each of these watchdogs after a cycle; 1.0 is a fault."""
     shares: dict[Watchdog, float] = {}
     for (watchdog, _), count, full in zip(_COUNTS, state.counts, plan.full, strict=True):
         shares[watchdog] = max(shares.get(watchdog, 0.0), count / full)
@@ -293,14 +295,14 @@ def levels(
 
 
 def full_bucket(most: int) -> int:
-    """Return the level of a leaky bucket at which so many faulty cycles in a row are a fault."""
+    """Return the level of a leaky bucket that is a fault: so many faulty cycles in a row."""
     return most * FORGOTTEN
 
 
 def leaked(bucket: int, full: int, faulty: bool) -> int:
     """Return the level of a leaky bucket after a cycle; from `full` on it is a fault."""
     if faulty:
-        # The end lets a fault that is gone be forgotten within as many sound cycles.
+        # The upper end lets the bucket fall below `full` after `FORGOTTEN` + 1 sound cycles.
         return min(bucket + FORGOTTEN, full + FORGOTTEN)
     return bucket - 1 if bucket else 0
 
@@ -308,7 +310,7 @@ def leaked(bucket: int, full: int, faulty: bool) -> int:
 def _counted(
     full: tuple[int, ...], counts: tuple[int, ...], faulty: int, held: int, cleared: int
 ) -> tuple[tuple[int, ...], int]:
-    """Step all counts; return them, and the bits of the watchdogs of those that are full."""
+    """Step all counts; return them, and the bits of the watchdogs whose counts are full."""
     stepped = []
     tripped = 0
     for (bit, watchdog, slowly), most, before in zip(_STEPS, full, counts, strict=True):
@@ -327,9 +329,9 @@ def _counted(
 def _rested(
     counts: tuple[int, ...], rests_at: tuple[int, ...], rests: tuple[int, ...]
 ) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Return where each sensor rests, and for how many samples in a row it has.
+    """Return the value at which each sensor rests, and for how many samples in a row.
 
-    In a row: noise repeats single samples of a sound sensor, which would add up.
+    Only samples in a row count: noise repeats single samples of a sound sensor.
     """
     now_at, now = list(rests_at), list(rests)
     for sensor, within in enumerate(_WITHIN):
@@ -342,7 +344,7 @@ def _rested(
 
 
 def _at_once(plan: WatchPlan, seen: Seen, rests: tuple[int, ...]) -> int:
-    """Return the faults that need no count, and that of a sensor that rests."""
+    """Return the faults without a count, and the fault of a stuck sensor."""
     measured = seen.measured
     serial = measured.serial
     faults = 0
@@ -361,16 +363,16 @@ def _at_once(plan: WatchPlan, seen: Seen, rests: tuple[int, ...]) -> int:
     elif voltage > plan.V_max:
         faults |= _VOLTAGE
     if seen.mode not in (seen.left_in, _IDENTIFY):
-        # An identification ends by itself.
+        # An identification ends by itself, without a fault.
         faults |= _CONTROLLER
     return faults
 
 
 def _undecided(vibration: Vibration, in_force: InForce, amplitude: float, mode: int) -> int:
     """Return the bits of the counts for which this cycle cannot be judged."""
-    # Without a vibration nobody knows: a friction loop that pauses hides nothing.
+    # Without a vibration its phase is unknown; the pauses of a friction loop hide nothing.
     held = 0 if amplitude > AMPLITUDE_MIN else _RESONANCE
-    # A loop that is led astray hunts: what is lacking comes and goes with the phase.
+    # With a wrong phase the loop hunts in frequency, so only open-loop steps of it are excused.
     turns = in_force.turning and mode == _OPEN_LOOP
     return held if vibration.least > _LOOKED_FOR and not turns else held | _LACKING
 
@@ -378,14 +380,14 @@ def _undecided(vibration: Vibration, in_force: InForce, amplitude: float, mode: 
 def _of_vibration(
     plan: WatchPlan, vibration: Vibration, W: complex, amplitude: float, mode: int
 ) -> int:
-    """Compare what the pick-up reads with its limit and with the model."""
+    """Compare the vibration that the pick-up reads with its limit and with the model."""
     faulty = _UNSEEN if abs(vibration.most) > plan.bound.limit * ROUNDING else 0
     if amplitude > plan.W_trip:
         faulty |= _AMPLITUDE
     most = _EXCESS_UNIDENTIFIED if mode == _IDENTIFY else _EXCESS
     if amplitude > most * vibration.E + _EXCESS_OFFSET:
         faulty |= _EXCESSIVE
-    # In a row: a pulse that ends dies away sooner than E under a finger, each time it comes.
+    # In a row: under a finger the end of each pulse decays faster than E.
     if vibration.E_least > _LOOKED_FOR and amplitude < _SILENCE * vibration.E_least:
         faulty |= _SILENT
     if amplitude < _LACK * vibration.least:
@@ -406,7 +408,7 @@ def _odd(plan: WatchPlan, gauges: Forces, zero: Forces, Fn: float, Ft: float) ->
     x3, x4, x5, x6 = plan.gauge_positions
     mismatch = plan.mismatch
     load = Fn if Fn > 0.0 else 0.0
-    # A rigid plate rests on its diagonals alike, wherever the finger is.
+    # On a rigid plate the sums over both diagonals are equal, wherever the finger is.
     return (
         abs(s3 - s4 - s5 + s6) > mismatch
         or abs(x3 * s3 + x4 * s4 + x5 * s5 + x6 * s6) > _PLATE_END * (load + mismatch)

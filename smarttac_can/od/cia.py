@@ -1,4 +1,4 @@
-"""Numbers of CiA 301, 302 and 306 under their names: the only place with hexadecimal indices."""
+"""Named constants of CiA 301, 302 and 306; the only place with hexadecimal indices."""
 
 from __future__ import annotations
 
@@ -117,10 +117,11 @@ class Abort(Exception):  # noqa: N818 - the term of CiA 301
     Parameters
     ----------
     code
-        SDO abort code, given to the client as it is.
+        SDO abort code, which the client receives unchanged.
     reason
-        What the code does not say: what was refused and what to do, one line; empty if there is no
-        more to say. It is not in the text of the exception, which a client can make of the code.
+        Details beyond the code: what was refused and what to do, in one line; empty without
+        details. It is not part of the exception text, which contains only what a client knows from
+        the code.
     """
 
     def __init__(self, code: int, reason: str = "") -> None:
@@ -130,14 +131,14 @@ class Abort(Exception):  # noqa: N818 - the term of CiA 301
         super().__init__(f"abort {code:08X}: {text}")
 
     def explain(self, name: str) -> str:
-        """Return why a write to an object was refused, in one line."""
+        """Return the reason why a write to an object was refused, in one line."""
         return self.reason or f"{name}: {self.args[0]}"
 
 
 class EmergencyCode(IntEnum):
-    """Emergency error codes of the communication part, by the classes of CiA 301, table 26.
+    """Emergency error codes of the communication, by the classes of CiA 301, table 26.
 
-    DATA_STORAGE is that of the drive profile, CiA 402. An application has codes of its own.
+    DATA_STORAGE is from the drive profile, CiA 402. An application has codes of its own.
     """
 
     RESET = 0x0000
@@ -249,13 +250,13 @@ HEARTBEAT_ID: Final = 0x700
 LSS_SLAVE_ID: Final = 0x7E4
 LSS_MASTER_ID: Final = 0x7E5
 BOOT_UP: Final = b"\0"
-"""Data of the boot-up message; a heartbeat carries a state other than 0."""
+"""Data of the boot-up message. A heartbeat has a state other than 0."""
 
 LAST_NODE_ID: Final = 127
 UNCONFIGURED: Final = 255
 """Node-ID of a device that waits for one from LSS."""
 
-# What a frame holds.
+# Sizes of a frame and its parts.
 FRAME_BYTES: Final = 8
 EXPEDITED_BYTES: Final = 4
 EMCY_VENDOR_BYTES: Final = 5
@@ -271,7 +272,7 @@ RECORD_TYPES: Final = (
     (TPDO_COMMUNICATION, TPDO_COMMUNICATION + PDO_COUNT - 1, 0x20),
     (TPDO_MAPPING, TPDO_MAPPING + PDO_COUNT - 1, 0x21),
 )
-"""First and last index of the records of CiA 301 and their complex data type."""
+"""First and last index of records of CiA 301, and their complex data type."""
 _RESTRICTED_IDS: Final = (
     (NMT_ID, 0x07F),
     (0x101, 0x180),
@@ -279,9 +280,9 @@ _RESTRICTED_IDS: Final = (
     (SDO_RX_ID + 1, 0x67F),
     (0x6E0, CAN_ID_MASK),
 )
-"""First and last of the CAN-IDs of NMT, SDO and error control, and those kept free (table 39)."""
+"""First and last of the CAN-IDs of NMT, SDO and error control, and of reserved ones (table 39)."""
 
 
 def restricted(can_id: int) -> bool:
-    """Return whether no configurable object may have an 11-bit CAN-ID (CiA 301, table 39)."""
+    """Return whether a configurable object must not have an 11-bit CAN-ID (CiA 301, table 39)."""
     return any(first <= can_id <= last for first, last in _RESTRICTED_IDS)

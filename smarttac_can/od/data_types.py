@@ -1,4 +1,4 @@
-"""Transfer syntax of the CiA 301 data types: little-endian, as SDO and PDO carry them."""
+"""Transfer syntax of the CiA 301 data types: little-endian, as in SDO and PDO."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ TIME: Final[dict[int, int]] = {DataType.TIME_OF_DAY: 6, DataType.TIME_DIFFERENCE
 TEXT: Final = frozenset({DataType.VISIBLE_STRING, DataType.UNICODE_STRING})
 
 SIZES: Final[dict[int, int]] = {DataType.BOOLEAN: 1, **SIGNED, **UNSIGNED, **REAL, **TIME}
-"""Bytes of every type of fixed length; the others are as long as their value."""
+"""Size in bytes of every type of fixed length; the other types have a variable length."""
 
 _REAL_FORMAT: Final[dict[int, str]] = {DataType.REAL32: "<f", DataType.REAL64: "<d"}
 _REAL_LARGEST: Final[dict[int, float]] = {
@@ -41,12 +41,12 @@ _REAL_LARGEST: Final[dict[int, float]] = {
     DataType.REAL64: sys.float_info.max,
 }
 _VISIBLE: Final = bytes([0, *b"\t\n\r", *range(0x20, 0x7F)])
-"""Bytes of a VISIBLE_STRING: those of CiA 301, and the white space that data sheets contain."""
+"""Valid bytes of a VISIBLE_STRING: those of CiA 301, and white space, which data sheets contain."""
 _REPLACED: Final = {code: "?" for code in range(0x80) if code not in _VISIBLE}
 
 
 def bounds(data_type: DataType) -> tuple[float, float]:
-    """Return the least and the largest value of a numeric type; (0, 0) for any other type."""
+    """Return the smallest and the largest value of a numeric type; (0, 0) for any other type."""
     if data_type in UNSIGNED:
         return 0, (1 << 8 * UNSIGNED[data_type]) - 1
     if data_type in SIGNED:
@@ -58,12 +58,12 @@ def bounds(data_type: DataType) -> tuple[float, float]:
 
 
 def visible(text: str) -> str:
-    """Return a text as a VISIBLE_STRING can hold it: ``?`` replaces each other character."""
+    """Return a text as a VISIBLE_STRING, with ``?`` for each character that it cannot hold."""
     return text.encode("ascii", "replace").decode("ascii").translate(_REPLACED)
 
 
 def zero(data_type: DataType) -> Any:
-    """Return the value of an entry whose EDS names no default."""
+    """Return the value of an entry without a default in the EDS."""
     if data_type in TEXT:
         return ""
     if data_type in REAL:
@@ -74,10 +74,10 @@ def zero(data_type: DataType) -> Any:
 
 
 def pack(data_type: DataType, value: Any) -> bytes:
-    """Return the bytes of a value, which is inside the bounds of its type.
+    """Return the bytes of a value, which must be within the bounds of its type.
 
-    `unpack` takes all that this returns: a client may write back what it has read. Characters that
-    a string cannot hold are replaced by ``?``.
+    `unpack` accepts all bytes that this returns, so a client can write back what it has read.
+    Characters that a string cannot hold are replaced by ``?``.
     """
     if data_type in UNSIGNED or data_type == DataType.BOOLEAN:
         return int(value).to_bytes(SIZES[data_type], "little")
@@ -93,12 +93,12 @@ def pack(data_type: DataType, value: Any) -> bytes:
 
 
 def unpack(data_type: DataType, data: bytes) -> Any:
-    """Return the value of the bytes of one entry.
+    """Return the value in the bytes of one entry.
 
     Raises
     ------
     Abort
-        TOO_LONG or TOO_SHORT if the length is not that of the type, LENGTH for half a character
+        TOO_LONG or TOO_SHORT for a length other than that of the type, LENGTH for half a character
         of a UNICODE_STRING, VALUE for bytes that are no characters of the type.
     """
     size = SIZES.get(data_type)

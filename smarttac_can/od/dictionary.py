@@ -54,13 +54,13 @@ class ObjectDictionary:
     objects
         Objects in any order.
     dummies
-        Data types that may stand in an RPDO as a dummy.
+        Data types that an RPDO may map as a dummy.
     info
         Keys of ``[DeviceInfo]`` in lower case.
     warnings
-        What was odd about the EDS, one line each.
+        Ambiguities and errors of the EDS that were corrected, one line each.
     text
-        The EDS.
+        Content of the EDS.
     """
 
     def __init__(
@@ -80,7 +80,7 @@ class ObjectDictionary:
         self.text = text
         self._names: dict[str, Entry | None] = {}
         for entry in self:
-            # None marks a name that stands for several entries.
+            # None marks a name that several entries have.
             self._names[entry.name] = None if entry.name in self._names else entry
 
     def __iter__(self) -> Iterator[Entry]:
@@ -98,16 +98,16 @@ class ObjectDictionary:
         return entry
 
     def find(self, name: str) -> Entry | None:
-        """Find an entry by its name; None if there is none or more than one."""
+        """Return the entry with a name; None if there is none or more than one."""
         return self._names.get(name)
 
     def entry(self, index: int, subindex: int = 0) -> Entry:
-        """Find an entry by index and sub-index.
+        """Return the entry at an index and sub-index.
 
         Raises
         ------
         Abort
-            NO_OBJECT or NO_SUBINDEX if the EDS has none.
+            NO_OBJECT or NO_SUBINDEX if it is not in the EDS.
         """
         item = self.objects.get(index)
         if item is None:
@@ -118,34 +118,34 @@ class ObjectDictionary:
         return entry
 
     def get(self, index: int, subindex: int = 0) -> Entry | None:
-        """Find an entry by index and sub-index; None if the EDS has none."""
+        """Return the entry at an index and sub-index; None if it is not in the EDS."""
         item = self.objects.get(index)
         return None if item is None else item.entries.get(subindex)
 
     def number(self, index: int, subindex: int = 0, absent: int = 0) -> int:
-        """Return the value of an integer entry, or ``absent`` where the EDS has none."""
+        """Return the value of an integer entry, or ``absent`` if it is not in the EDS."""
         entry = self.get(index, subindex)
         return absent if entry is None else int(entry.read())
 
     @property
     def sync_id(self) -> int:
-        """CAN-ID of SYNC, as it is configured now."""
+        """Present CAN-ID of SYNC."""
         return self.number(SYNC_COB_ID, absent=SYNC_ID) & CAN_ID_MASK
 
     def write(self, name: str, raw: Any, ask: Callable[[Entry, Any], None]) -> None:
-        """Write a raw value to an entry by its name, as an SDO write does.
+        """Write a raw value to an entry by its name, as an SDO download does.
 
         Parameters
         ----------
         name, raw
-            Of the entry, and for it.
+            Name of the entry, and its new raw value.
         ask
-            Called before it takes a value that has passed `Entry.check`; may refuse it by `Abort`.
+            Function that is called after `Entry.check` and before the write; it may raise `Abort`.
 
         Raises
         ------
         Abort
-            If the value is refused; what was there stays.
+            The value is refused; the entry is then unchanged.
         """
         entry = self[name]
         entry.check(raw)
@@ -153,7 +153,7 @@ class ObjectDictionary:
         entry.value = raw
 
     def renumber(self, node_id: int) -> None:
-        """Change the node-ID, 1..127, in the defaults and limits that hold ``$NODEID``."""
+        """Set the node-ID, 1..127, in the defaults and limits that contain ``$NODEID``."""
         for entry in self:
             least, most = bounds(entry.data_type)
             for attribute in entry.per_node:
@@ -162,7 +162,7 @@ class ObjectDictionary:
         self.node_id = node_id
 
     def reset(self, first: int = 0, last: int = 0xFFFF) -> None:
-        """Set the entries of the objects first..last to their defaults; computed ones go on."""
+        """Set the objects first..last to their defaults, except computed entries."""
         for entry in self:
             if first <= entry.index <= last and entry.source is None:
                 entry.value = entry.default

@@ -1,7 +1,7 @@
-"""Electronic data sheets (CiA 306) read into an object dictionary.
+"""Load electronic data sheets (CiA 306) into an object dictionary.
 
-The parser is our own: python-canopen's drops silently what it does not understand, sign-extends
-only four of the eight signed types, and takes no `$NODEID` in the limits.
+The parser is our own: python-canopen's silently drops what it does not understand, sign-extends
+only four of the eight signed types, and does not support `$NODEID` in the limits.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from smarttac_can.od.dictionary import Object, ObjectDictionary
 from smarttac_can.od.entry import ACCESS, Entry
 from smarttac_can.od.units import ONE, Quantity, split_name
 
-# The section and key syntax of EDS files (CiA 306, clause 4.3), tolerant where nothing is lost.
+# Section and key syntax of EDS files (CiA 306, clause 4.3), tolerant if no information is lost.
 
 
 MAX_LINES: Final = 40_000
-"""Lines of a file, which a slow machine reads and writes in 2 s; our own have 3 774 at most."""
+"""Most lines of a file; a slow machine reads and writes them in 2 s. Our own have up to 3 774."""
 MAX_ODD: Final = 1000
-"""Lines that are left out or merged, with a warning each; a file with more is no EDS."""
+"""Most lines that are ignored or merged, with a warning each; a file with more is no EDS."""
 
 _COMMENT: Final = re.compile(r"(?:^|\s);.*$")
 _CONTROL: Final = re.compile(r"[\x00-\x08\x0e-\x1f\x7f-\x9f]")
@@ -39,16 +39,16 @@ class EDSError(ValueError):
 
 
 def read_sections(text: str, warnings: list[str]) -> Sections:
-    """Read the sections of a file, names and keys in lower case, values stripped.
+    """Read the sections of a file, with names and keys in lower case and values stripped.
 
-    A section that comes twice is merged. Lines that are neither section, key nor comment are left
-    out with a warning.
+    A repeated section is merged. Lines that are neither section, key nor comment are ignored with a
+    warning.
 
     Raises
     ------
     EDSError
         A key has two different values, a line has a control character, or there are more than
-        `MAX_LINES`, or `MAX_ODD` odd ones.
+        `MAX_LINES` lines, or `MAX_ODD` warnings.
     """
     sections: Sections = {}
     current: Section | None = None
@@ -61,7 +61,7 @@ def read_sections(text: str, warnings: list[str]) -> Sections:
             raise EDSError(f"there are more than {MAX_LINES} lines")
         if len(warnings) > MAX_ODD:
             raise EDSError(f"line {number}: more than {MAX_ODD} lines before it are odd")
-        # A name is shown on terminals, which obey such characters.
+        # Names are shown on terminals, which interpret control characters.
         if found := _CONTROL.search(line):
             raise EDSError(f"line {number}: {found[0]!r} is a control character")
         if line.startswith("[") and line.endswith("]"):
@@ -81,7 +81,7 @@ def read_sections(text: str, warnings: list[str]) -> Sections:
     return sections
 
 
-# Values as an EDS writes them: numbers, `$NODEID` formulas, texts and octets (CiA 306, 4.3).
+# Syntax of values in an EDS: numbers, `$NODEID` formulas, texts and octets (CiA 306, 4.3).
 
 
 _NUMBER: Final = re.compile(r"^([+-]?)(0x[0-9a-f]{1,32}|[0-9]{1,32})$")
@@ -94,11 +94,11 @@ def parse_value(data_type: DataType, text: str, node_id: int, where: str) -> Any
     Parameters
     ----------
     text
-        Not empty.
+        Text of the value, not empty.
     node_id
-        What stands for ``$NODEID``.
+        Node-ID that replaces ``$NODEID``.
     where
-        What the message of an error begins with.
+        Beginning of an error message.
 
     Raises
     ------
@@ -125,12 +125,12 @@ def parse_value(data_type: DataType, text: str, node_id: int, where: str) -> Any
 
 
 def parse_integer(text: str, where: str) -> int:
-    """Read a decimal, a hexadecimal with 0x or an octal with a leading 0.
+    """Read a decimal number, a hexadecimal one with 0x or an octal one with a leading 0.
 
     Raises
     ------
     EDSError
-        If the text is none of them; the message begins with ``where``.
+        The text is no such number; the message begins with ``where``.
     """
     found = _NUMBER.match(text.strip().lower())
     if found is None:
@@ -145,7 +145,7 @@ def parse_integer(text: str, where: str) -> int:
 
 
 def _real(data_type: DataType, text: str, where: str) -> float:
-    """Read a decimal, or the bits in hexadecimal, as some tools write them."""
+    """Read a decimal number, or its bits in hexadecimal, as some tools write it."""
     low, high = bounds(data_type)
     try:
         if text.lower().startswith("0x"):
@@ -161,7 +161,7 @@ def _real(data_type: DataType, text: str, where: str) -> float:
 
 
 def _octets(data_type: DataType, text: str, where: str) -> bytes:
-    """Read bytes in hexadecimal; a plain 0 stands for bytes of zero."""
+    """Read bytes in hexadecimal; a single 0 means zero bytes only."""
     size = SIZES.get(data_type, 0)
     if text.lower() in ("0", "0x0"):
         return bytes(size)
@@ -185,25 +185,25 @@ _LISTS: Final = ("mandatoryobjects", "optionalobjects", "manufacturerobjects")
 
 LONGEST_NAME: Final = 241
 MAX_ENTRIES: Final = 32_768
-"""Sub-indices of a device; a line with CompactSubObj makes 254."""
+"""Most sub-indices of a device; one line with CompactSubObj makes 254."""
 
 _Kind = TypeVar("_Kind", DataType, ObjectType)
 
 
 def load_eds(text: str, node_id: int) -> ObjectDictionary:
-    """Read an EDS, or a DCF, whose ParameterValue then stands for the default.
+    """Load an EDS, or a DCF, in which ParameterValue replaces the default.
 
     Parameters
     ----------
     text
-        The whole file.
+        Content of the file.
     node_id
-        What stands for ``$NODEID``, 1..127.
+        Node-ID that replaces ``$NODEID``, 1..127.
 
     Returns
     -------
     ObjectDictionary
-        With what was odd but unambiguous in its `warnings`.
+        Dictionary, whose `warnings` list errors of the file that could be corrected.
 
     Raises
     ------
@@ -249,7 +249,7 @@ class _Reader:
                 subs[subindex] = name
 
     def object(self, name: str) -> Object | None:
-        """Read the object at an index; None for the object types that hold no data."""
+        """Return the object at an index; None for object types without data."""
         section = self.sections[name]
         index = int(name, 16)
         compact = self._integer(name, "compactsubobj")
@@ -337,7 +337,7 @@ class _Reader:
     def _compact(
         self, name: str, index: int, title: str, unit: Quantity, count: int
     ) -> dict[int, Entry]:
-        """Make the sub-indices of CompactSubObj, named and valued one by one (CiA 306, 4.6.3.4)."""
+        """Return the sub-indices of CompactSubObj with names and values (CiA 306, 4.6.3.4)."""
         if count > LAST_SUBINDEX:
             raise EDSError(f"[{name}] CompactSubObj {count} is outside 0..{LAST_SUBINDEX}")
         names = self.sections.get(f"{name}name", {})
@@ -355,7 +355,7 @@ class _Reader:
         return entries
 
     def warn_about_leftovers(self, known: set[int]) -> None:
-        """Report what the file holds but the dictionary does not, and the other way round."""
+        """Warn about sections without an object, and differences to the lists of objects."""
         for name in self.sections:
             found = MEMBER.match(name) or _COMPACT.match(name)
             if found is not None:

@@ -1,4 +1,4 @@
-"""Rules for an EDS: CiA 306 for its text, lists and objects, CiA 301 for its PDOs and services."""
+"""Rules for an EDS: CiA 306 for text, lists and objects, CiA 301 for PDOs and services."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ from smarttac_can.od.entry import ACCESS, Entry
 
 
 class Finding(NamedTuple):
-    """One thing wrong with an EDS."""
+    """One error or warning about an EDS."""
 
     section: str
-    """Section in lower case; empty for the file as a whole."""
+    """Name of the section in lower case; empty for the file as a whole."""
     message: str
     error: bool = True
-    """False for what tools put up with."""
+    """Whether it is an error; False for a warning, which tools tolerate."""
 
     def __str__(self) -> str:
-        """Return the line that is shown."""
+        """Return the finding as a line of text."""
         where = f"[{shown(self.section)}] " if self.section else ""
         return f"{where}{'' if self.error else 'warning: '}{self.message}"
 
 
 def shown(section: str) -> str:
-    """Return the name of a section as EDS files write it."""
+    """Return the name of a section in the spelling of EDS files."""
     if found := MEMBER.match(section):
         return f"{found[1].upper()}sub{found[2].upper()}"
     return section.upper() if OBJECT.match(section) else _TITLES.get(section, section)
@@ -55,7 +55,7 @@ _TITLES: Final = {
     )
 }  # fmt: skip
 
-# Data types that CiA 301 lays down for the objects of the communication profile area.
+# Data types that CiA 301 specifies for the objects of the communication profile area.
 
 
 _VARIABLES: Final = {
@@ -104,7 +104,7 @@ _RECORDS: Final = (
 
 
 def _standard_type(index: int, subindex: int) -> DataType | None:
-    """Return the data type an entry must have; None where CiA 301 leaves it open."""
+    """Return the data type that CiA 301 requires for an entry; None if it requires none."""
     if index in _VARIABLES or subindex == 0:
         return _VARIABLES.get(index)
     if index in _MEMBERS:
@@ -127,7 +127,7 @@ _FORMULA: Final = re.compile(r"\$nodeid(\s*\+\s*[0-9a-fx]+)?", re.IGNORECASE)
 
 
 def _check_keys(name: str, section: dict[str, str]) -> Iterator[Finding]:
-    """Check what every section of an object has: its name, and no key out of place."""
+    """Check the keys that every object has, and that there are no others."""
     title = section.get("parametername", "")
     if not title:
         yield Finding(name, "ParameterName is missing")
@@ -182,7 +182,7 @@ def _check_values(name: str, section: dict[str, str], data_type: DataType) -> It
             if not ordered:
                 yield Finding(name, f"{key}={text} is no {data_type.name}")
                 return
-    # A node-ID at each end shows whether formulas keep their limits for all.
+    # The lowest and the highest node-ID show whether formulas stay within the limits for all.
     for node_id in (1, 127):
         try:
             values = {
@@ -222,7 +222,7 @@ def _integer(text: str) -> int | None:
         return None
 
 
-# Rules of CiA 306 for objects: their type, and their members against what they state.
+# Rules of CiA 306 for objects: their type, and whether their members agree with it.
 
 
 _COMPACT: Final = ("name", "value", "denotation", "objectlinks")
@@ -231,7 +231,7 @@ _STRUCTURES: Final = (ObjectType.ARRAY, ObjectType.RECORD, ObjectType.DEFSTRUCT)
 
 
 def _check_objects(sections: Sections) -> Iterator[Finding]:
-    """Check every object and its members, and that no member is without its object."""
+    """Check every object with its members, and that each member has an object."""
     members: dict[str, dict[int, str]] = {}
     for name in sections:
         if found := MEMBER.match(name):
@@ -388,7 +388,7 @@ _OTHER: Final = re.compile(
 
 
 def _check_text(text: str) -> Iterator[Finding]:
-    """Check characters and lengths of the lines."""
+    """Check the characters and the lengths of the lines."""
     for number, line in enumerate(text.splitlines(), 1):
         if not line.isascii():
             odd = next(character for character in line if not character.isascii())
@@ -398,7 +398,7 @@ def _check_text(text: str) -> Iterator[Finding]:
 
 
 def _check_information(sections: Sections, file_name: str) -> Iterator[Finding]:
-    """Check [FileInfo], [DeviceInfo], [DummyUsage] and [Comments], and that others are known."""
+    """Check [FileInfo], [DeviceInfo], [DummyUsage] and [Comments], and for unknown sections."""
     for name in sections:
         if not _OTHER.fullmatch(name):
             yield Finding(name, "is no section of an EDS", error=False)
@@ -498,13 +498,13 @@ def _right_list(index: int) -> str:
     return "manufacturerobjects" if manufacturer else "optionalobjects"
 
 
-# Rules for the PDOs of an EDS: every default mapping resolves, fits, and goes the right way.
+# Rules for the PDOs of an EDS: every default mapping must be valid, fit, and have its direction.
 
 
 _BITS: Final = 64
 _MOST_ENTRIES: Final = 64
 _MULTIPLEXED: Final = (254, 255)
-"""Numbers of mapped objects that make a multiplexed PDO, which maps nothing itself."""
+"""Numbers of mapped objects that denote a multiplexed PDO, which has no mapping of its own."""
 _KINDS: Final = (
     ("RPDO", cia.RPDO_COMMUNICATION, cia.RPDO_MAPPING),
     ("TPDO", cia.TPDO_COMMUNICATION, cia.TPDO_MAPPING),
@@ -580,7 +580,7 @@ def _check_mapping(od: ObjectDictionary, kind: str, mapped: int) -> Iterator[Fin
 
 
 def _mapping_fault(od: ObjectDictionary, kind: str, value: int) -> str:
-    """Return what is wrong with a mapping parameter; empty if nothing."""
+    """Return the error of a mapping parameter; empty for none."""
     index, subindex, bits = value >> 16, value >> 8 & 0xFF, value & 0xFF
     where = f"{index:04X}h sub-index {subindex}"
     entry = od.get(index, subindex)
@@ -609,7 +609,7 @@ def _fits(entry: Entry, bits: int) -> bool:
 
 
 MAX_FINDINGS: Final = 1000
-"""Findings of a file; who has more will not read them."""
+"""Most findings that are reported for a file."""
 _HEADS: Final = {"fileinfo", "deviceinfo", "mandatoryobjects"}
 
 
@@ -619,15 +619,15 @@ def check_eds(text: str, file_name: str) -> list[Finding]:
     Parameters
     ----------
     text
-        The whole file.
+        Content of the file.
     file_name
-        Name it has, without its folder.
+        Name of the file, without its folder.
 
     Returns
     -------
     list of Finding
         Errors and warnings in the order of the rules, the first 1000; empty for a file without
-        fault.
+        errors.
     """
     findings = list(islice(_findings(text, file_name), MAX_FINDINGS + 1))
     if len(findings) > MAX_FINDINGS:
@@ -659,7 +659,8 @@ def _findings(text: str, file_name: str) -> Iterator[Finding]:
     try:
         od = load_eds(text, 1)
     except EDSError as error:
-        # What made it unreadable was found above; if not, this is all there is to say.
+        # An earlier finding already shows why it cannot be loaded; otherwise report the error
+        # itself.
         if not failed:
             yield Finding("", str(error))
         return

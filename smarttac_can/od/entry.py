@@ -11,7 +11,7 @@ from smarttac_can.od.units import ONE, Quantity
 
 ACCESS: Final = ("ro", "wo", "rw", "rwr", "rww", "const")
 MAX_BYTES: Final = 1 << 20
-"""Longest string or domain an entry takes."""
+"""Longest string or domain of an entry, in bytes."""
 
 _INTEGER: Final = frozenset({*SIGNED, *UNSIGNED, DataType.BOOLEAN})
 
@@ -22,25 +22,26 @@ class Entry:
     Parameters
     ----------
     low, high
-        Limits of the EDS, or else the bounds of the data type; 0 where values have no order.
+        Limits of the EDS, or else the bounds of the data type; 0 for types without an order.
     default
         Value after a reset.
     pdo
-        Whether the EDS says PDOMapping=1.
+        Whether the EDS has PDOMapping=1.
 
     Attributes
     ----------
     value
-        Raw value as on the wire: int, float, bytes or str by data type. Who writes it directly
-        keeps it within the limits; `quantise` does. An entry with a source has none.
+        Raw value as on the wire: int, float, bytes or str by data type. Code that writes it
+        directly must keep it within the limits, for example by `quantise`. An entry with a source
+        has none.
     source
-        Computes the raw value when it is read; None where `value` holds it.
+        Function that computes the raw value when it is read; None if `value` holds it.
     size
-        Bytes on the wire, 0 for a type of variable length.
+        Size on the wire in bytes, 0 for a type of variable length.
     per_node
-        Which of `default`, `low` and `high` hold the node-ID plus something (``$NODEID``).
+        Those of `default`, `low` and `high` that contain the node-ID (``$NODEID``).
     unit, si
-        What one count stands for, with the displayed unit, and in SI base units.
+        Quantity of one count, with the displayed unit, and in SI base units.
     """
 
     __slots__ = (
@@ -62,7 +63,7 @@ class Entry:
         "value",
         "writable",
     )
-    __deletable__ = ("value",)  # asked for by mypyc
+    __deletable__ = ("value",)  # required by mypyc
 
     def __init__(
         self,
@@ -101,12 +102,12 @@ class Entry:
 
     @property
     def tpdo_mappable(self) -> bool:
-        """Whether a TPDO may carry the entry (rww is for RPDOs alone, CiA 306)."""
+        """Whether a TPDO may map the entry (rww is for RPDOs only, CiA 306)."""
         return self.pdo and self.access in ("ro", "rw", "rwr")
 
     @property
     def rpdo_mappable(self) -> bool:
-        """Whether an RPDO may carry the entry."""
+        """Whether an RPDO may map the entry."""
         return self.pdo and self.access in ("wo", "rw", "rww")
 
     @property
@@ -115,25 +116,26 @@ class Entry:
         return float(self.read() * self.si)
 
     def read(self) -> Any:
-        """Return the raw value as it is now, held or computed."""
+        """Return the present raw value, stored or computed."""
         return self.value if self.source is None else self.source()
 
     @property
     def reader(self) -> Callable[[], Any]:
-        """What does the same as `read`, without asking each time whether there is a source."""
+        """Function equivalent to `read`, without the check for a source at each call."""
         return self.read if self.source is None else self.source
 
     def compute(self, source: Callable[[], Any]) -> None:
         """Compute the raw value whenever it is read.
 
-        `value` is gone then: who forgets to `read` finds nothing, rather than what is out of date.
+        `value` is deleted, so that code which does not use `read` fails instead of using an old
+        value.
         """
         if self.source is None:
             del self.value
         self.source = source
 
     def counts(self, text: str) -> int:
-        """Nearest raw value to a quantity such as ``80 V``, ties to even, whatever the limits.
+        """Return the raw value nearest to a quantity such as ``80 V``, ties to even, unclipped.
 
         Raises
         ------
@@ -149,7 +151,7 @@ class Entry:
     def quantise(self, si: float) -> int:
         """Return the raw value nearest to a quantity in SI base units, within the limits.
 
-        Ties go to the even value; what is outside of the limits is clipped to them.
+        Ties go to the even value; a quantity outside the limits is clipped to them.
 
         Raises
         ------
@@ -168,7 +170,7 @@ class Entry:
         return round(raw)
 
     def count(self, more: int = 1) -> None:
-        """Add to a counter, which begins anew above the largest value of its type."""
+        """Add to a counter, which wraps around at the largest value of its type."""
         self.value = (self.value + more) % (1 << 8 * self.size)
 
     def check(self, value: Any) -> None:
@@ -198,12 +200,12 @@ class Entry:
         return pack(self.data_type, self.read())
 
     def unpack(self, data: bytes) -> Any:
-        """Return the value of bytes from the wire; the entry does not change.
+        """Return the value in bytes from the wire, without changing the entry.
 
         Raises
         ------
         Abort
-            As for `check`, or if the bytes are no value of the type.
+            As for `check`; also if the bytes are no value of the type.
         """
         value = unpack(self.data_type, data)
         self.check(value)

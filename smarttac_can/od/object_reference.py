@@ -1,4 +1,4 @@
-"""The reference of a device's objects, in Markdown."""
+"""Reference of a device's objects, in Markdown."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ LEGEND: Final = (
     "An object marked *PDO* may be mapped: `ro` and `rwr` into a TPDO, `rww` into an RPDO, `rw` "
     "into both."
 )
-"""What a reader has to know about the tables."""
+"""Text that explains the tables to a reader."""
 
 _PDOS: Final = (
     ("RPDO", cia.RPDO_COMMUNICATION, cia.RPDO_MAPPING),
     ("TPDO", cia.TPDO_COMMUNICATION, cia.TPDO_MAPPING),
 )
 _HEXADECIMAL_FROM: Final = 10_000
-"""Plain 32-bit numbers from here on are codes rather than quantities."""
+"""Least value of an UNSIGNED32 without a unit that is shown in hexadecimal, as it is a code."""
 _NUMBER: Final = re.compile(r"\d+$")
-"""At the end of the name of a member."""
+"""Number at the end of the name of a member."""
 
 
 def table(*rows: tuple[str, ...]) -> Iterator[str]:
-    """Yield the lines of a table whose first row is its head, and an empty line."""
+    """Yield the lines of a table, whose first row is the head, and an empty line."""
     head, *body = rows
     yield f"| {' | '.join(head)} |"
     yield "|" + "---|" * len(head)
@@ -49,16 +49,16 @@ def object_reference(text: str, *, level: int = 2) -> Iterator[str]:
     Parameters
     ----------
     text
-        The whole file.
+        Content of the file.
     level
-        Of the headings.
+        Level of the headings.
 
     Raises
     ------
     EDSError
         The file cannot be interpreted.
     """
-    # Two node-IDs, because what differs between them is what a master has to work out.
+    # A master has to compute the values that differ between two node-IDs, so both are loaded.
     od, other = (load_eds(text, node_id) for node_id in (1, 2))
     heading = "#" * level
     pdos = list(_pdo_rows(od, other))
@@ -71,7 +71,7 @@ def object_reference(text: str, *, level: int = 2) -> Iterator[str]:
 
 
 def _areas(od: ObjectDictionary) -> Iterator[tuple[str, list[Object]]]:
-    """Yield the objects by area, without the PDO parameters, which have a table of their own."""
+    """Yield the objects by area, without the PDO parameters, which have their own table."""
     found = od.objects.values()
     yield (
         "Communication profile",
@@ -90,10 +90,10 @@ def _areas(od: ObjectDictionary) -> Iterator[tuple[str, list[Object]]]:
 
 
 def _rows(objects: Iterable[Object], other: ObjectDictionary) -> Iterator[tuple[str, ...]]:
-    """Yield a row for each entry, and one for members in a row that differ by name alone."""
+    """Yield a row for each entry; consecutive members that differ only in name share a row."""
     yield "Object", "Name", "Type", "Access", "Limits", "Default", "One count"
     for item in objects:
-        # Of members in a row, sub-index less position is the same.
+        # For consecutive members, sub-index minus position is constant.
         members = enumerate(_members(item, other))
         for _, alike in groupby(members, lambda each: (each[1][0] - each[0], each[1][2])):
             (first, name, columns), *more = [member for _, member in alike]
@@ -123,7 +123,7 @@ def _members(item: Object, other: ObjectDictionary) -> Iterator[tuple[int, str, 
 
 
 def _joined(names: list[str]) -> str:
-    """Name members in a row by their numbers if these alone differ, else each, the record once."""
+    """Return a common name of members: a range of numbers, or a list with the record once."""
     if len({_NUMBER.sub("", name) for name in names}) == 1:
         numbers = "..".join(_NUMBER.findall(names[0]) + _NUMBER.findall(names[-1]))
         return _NUMBER.sub(numbers, names[0])
@@ -164,7 +164,7 @@ def _cob_id(od: ObjectDictionary, other: ObjectDictionary, index: int) -> str:
 
 
 def _default(entry: Entry, neighbour: Entry) -> str:
-    """Show a default; the dictionaries of entry and neighbour are those of node-ID 1 and 2."""
+    """Return a default as text; entry and neighbour are those of node-ID 1 and 2."""
     if entry.default == neighbour.default:
         return _number(entry)
     base = entry.default - 1 & ~(cia.COB_INVALID | cia.COB_NO_RTR)

@@ -1,4 +1,4 @@
-"""Quantities in SI units on their way into the integers of the object dictionary."""
+"""Convert quantities in SI units to the integers of the object dictionary."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from smarttac_can.od.entry import Entry
 
 
 class Quantiser:
-    """A row of integer entries that are written together, once a cycle.
+    """A group of integer entries that are written together, once per cycle.
 
-    Does for each what `Entry.quantise` does for one, at half the cost.
+    It converts each like `Entry.quantise`, in half the time.
 
     Parameters
     ----------
@@ -34,10 +34,10 @@ class Quantiser:
 
 
 class QuantisedOnDemand:
-    """A row of integer entries that are scaled when somebody reads them.
+    """A group of integer entries that are converted only when they are read.
 
-    What is read is what a `Quantiser` would have written of the row kept last. A row is never
-    changed, so it does not matter when that is.
+    The values are those that a `Quantiser` would have written for the last row. A row is immutable,
+    so the time of reading does not matter.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class QuantisedOnDemand:
             entry.compute(self._reader(position, entry))
 
     def reset(self) -> None:
-        """Keep the defaults of the entries."""
+        """Set the row to the defaults of the entries."""
         self.row: tuple[float, ...] = self._defaults
 
     def _reader(self, position: int, entry: Entry) -> Callable[[], int]:

@@ -1,4 +1,4 @@
-"""Time on the wire: length of a cycle and bus load from the PDO parameters."""
+"""Timing on the bus: duration of a cycle and bus load, from the PDO parameters."""
 
 from __future__ import annotations
 
@@ -29,20 +29,20 @@ _LONGEST: Final = 8
 
 
 class CyclicFrame(NamedTuple):
-    """A frame that comes at most once a period."""
+    """A frame that is sent at most once per period."""
 
     can_id: int
-    """Identifier; the lower one wins the bus."""
+    """CAN-ID; the lower one wins the arbitration."""
     size: int
-    """Data bytes."""
+    """Number of data bytes."""
     period: float
-    """Shortest time between two of them in s."""
+    """Shortest time between two frames in s."""
 
 
 def frame_bits(data_bytes: int) -> int:
-    """Return the longest a classical 11-bit frame can be, in bit times.
+    """Return the longest duration of a classical frame with an 11-bit CAN-ID, in bit times.
 
-    Stuff bits and the interframe space are counted.
+    Stuff bits and the interframe space are included.
 
     Parameters
     ----------
@@ -62,12 +62,12 @@ def frame_bits(data_bytes: int) -> int:
 
 
 def frame_seconds(data_bytes: int, bit_rate: int) -> float:
-    """Return the longest time in s that a frame holds the bus at a bit rate in bit/s.
+    """Return the longest time in s that a frame occupies the bus at a bit rate in bit/s.
 
     Raises
     ------
     ValueError
-        If the bit rate is not above 0, or the frame has more than 8 bytes.
+        The bit rate is not above 0, or the frame has more than 8 bytes.
     """
     if bit_rate <= 0:
         raise ValueError(f"bit_rate {bit_rate} is not above 0")
@@ -75,15 +75,15 @@ def frame_seconds(data_bytes: int, bit_rate: int) -> float:
 
 
 def cyclic_frames(ods: Iterable[ObjectDictionary], sync_period: float) -> list[CyclicFrame]:
-    """List SYNC and all valid TPDOs of a bus, each with its shortest period, by priority.
+    """Return SYNC and all valid TPDOs of a bus, each with its shortest period, by priority.
 
     Parameters
     ----------
     ods
-        One dictionary for each node.
+        Object dictionaries, one for each node.
     sync_period
-        Time between two SYNCs in s, above 0. Type 0 and event-driven TPDOs that have neither
-        inhibit nor event time are taken to come once in this time.
+        Time between two SYNCs in s, above 0. It is also the assumed period of type 0 and of
+        event-driven TPDOs that have neither inhibit time nor event timer.
     """
     if sync_period <= 0:
         raise ValueError(f"sync_period {sync_period} is not above 0")
@@ -106,12 +106,12 @@ def cyclic_frames(ods: Iterable[ObjectDictionary], sync_period: float) -> list[C
 
 
 def cycle_seconds(frames: Iterable[CyclicFrame], bit_rate: int) -> float:
-    """Return the time in s for one of each frame, back to back."""
+    """Return the time in s to send one of each frame, back to back."""
     return sum(frame_seconds(frame.size, bit_rate) for frame in frames)
 
 
 def bus_load(frames: Iterable[CyclicFrame], bit_rate: int) -> float:
-    """Return the share of the time the bus is busy in the worst case; above 1 it cannot work."""
+    """Return the fraction of time for which the bus is busy at most; above 1 it is overloaded."""
     return sum(frame_seconds(frame.size, bit_rate) / frame.period for frame in frames)
 
 

@@ -1,4 +1,4 @@
-"""Quantities: what a count stands for, as in ``Voltage [10 mV]``, and what a person writes."""
+"""Quantities: one count of an object, as in ``Voltage [10 mV]``, and values with a unit."""
 
 from __future__ import annotations
 
@@ -9,31 +9,31 @@ from math import inf
 from typing import Any, Final, NamedTuple, Self
 
 _ASCII: Final = {ord("\N{MICRO SIGN}"): "u", ord("\N{GREEK SMALL LETTER MU}"): "u"}
-"""What people write for micro, and what object dictionaries have."""
+"""Spellings of micro, and the u that object dictionaries use."""
 _SYMBOLS: Final = {
     prefix + base: (base, ten - 3 * (base == "g"))
     for prefix, ten in {"G": 9, "M": 6, "k": 3, "": 0, "m": -3, "u": -6, "n": -9, "p": -12}.items()
     for base in ("m", "s", "V", "A", "N", "Hz", "K", "W", "J", "Pa", "Ohm", "rad", "g")
 } | {"degC": ("degC", 0), "1": ("", 0), "%": ("", -2), "ppm": ("", -6)}
-"""What a symbol measures, nothing for a pure number, and its power of ten to the SI unit."""
+"""Base unit of each symbol, empty for a pure number, and its power of ten."""
 _LONGEST: Final = 40
-"""Characters of what stands in the brackets."""
+"""Most characters inside the brackets."""
 _QUANTITY: Final = re.compile(r"([+-]?[0-9]+(?:\.[0-9]+)?(?:[eE][+-]?[0-9]{1,3})?)\s*(.*)")
 _TERM: Final = re.compile(r"(?P<symbol>[A-Za-z%1]+)(?:\^(?P<power>[1-9]))?")
 
 
 class Quantity(NamedTuple):
-    """A number with a unit, exact as it was written."""
+    """A number with a unit, stored exactly as written."""
 
     number: Decimal
     symbol: str
-    """Of the unit, such as ``mV`` or ``mm/s``; empty for a pure number."""
+    """Symbol of the unit, such as ``mV`` or ``mm/s``; empty for a pure number."""
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Read such as ``80 V``, ``0.5um``, ``35 %`` or ``0.35``; ValueError if it is no such.
+        """Read a text such as ``80 V``, ``0.5um``, ``35 %`` or ``0.35``; ValueError for any other.
 
-        Micro may be written as u, or as the sign or the Greek letter of that name; it becomes u.
+        Micro may be written as u, as the micro sign or as the Greek letter mu; it becomes u.
         """
         found = _QUANTITY.fullmatch(text.strip())
         if found is None:
@@ -43,21 +43,21 @@ class Quantity(NamedTuple):
         return cls(Decimal(found[1]), symbol)
 
     def __str__(self) -> str:
-        """Return it as brackets have it: ``10 mV``, or ``mV`` for one of them."""
+        """Return the text in brackets: ``10 mV``, or ``mV`` if the number is 1."""
         return self.symbol if self.number == 1 else f"{self.number:f} {self.symbol}".rstrip()
 
     @property
     def si(self) -> float:
-        """Number of SI base units (V, m, s, N, degC ...)."""
+        """Value in SI base units (V, m, s, N, degC ...)."""
         return float(self.number.scaleb(_meaning(self.symbol)[0]))
 
     def over(self, other: Quantity) -> float:
-        """Ratio to another quantity, the nearest float.
+        """Return the ratio to another quantity, as the nearest float.
 
         Raises
         ------
         ValueError
-            If they measure different things.
+            The quantities have units of different kinds.
         """
         ten, kind = _meaning(self.symbol)
         other_ten, other_kind = _meaning(other.symbol)
@@ -66,28 +66,28 @@ class Quantity(NamedTuple):
         return float((self.number / other.number).scaleb(ten - other_ten))
 
     def in_unit(self, symbol: str) -> float:
-        """Return the number of another unit, the nearest float; raises ValueError as `over`."""
+        """Return the value in another unit, as the nearest float; raises ValueError as `over`."""
         return self.over(Quantity(Decimal(1), symbol))
 
     def times(self, counts: Any, symbol: str) -> Any:
-        """Return so many of it in another unit; what a product with `in_unit` misses by a last bit.
+        """Return a multiple in another unit, without the rounding error of `in_unit` times counts.
 
         Parameters
         ----------
         counts
-            A number, or an array of integers.
+            Factor: a number, or an array of integers.
         symbol
-            Of the unit.
+            Symbol of the unit.
 
         Returns
         -------
         float or array
-            The nearest floats: 35 times 1 % is 0.35.
+            Nearest floats: 35 times 1 % is 0.35.
 
         Raises
         ------
         ValueError
-            If the unit is of another kind.
+            The unit is of another kind.
         """
         self.in_unit(symbol)
         exponent = int(self.number.as_tuple().exponent)
@@ -100,12 +100,12 @@ ONE: Final = Quantity(Decimal(1), "")
 
 
 def split_name(parameter_name: str) -> tuple[str, Quantity]:
-    """Part a parameter name from what one count stands for; without brackets that is `ONE`.
+    """Split a parameter name into the name and the quantity of one count, `ONE` without brackets.
 
     Raises
     ------
     ValueError
-        What the brackets contain is no unit.
+        The brackets contain no unit.
     """
     name, opened, brackets = parameter_name.rpartition("[")
     inside = brackets.removesuffix("]")
@@ -116,14 +116,14 @@ def split_name(parameter_name: str) -> tuple[str, Quantity]:
         raise unknown
     inside = inside.strip()
     unit = Quantity.parse(inside if inside[:1].isdigit() else f"1 {inside}")
-    # A name that ends in "[1]" or "[3]" counts array elements in many foreign EDS files.
+    # In many other EDS files a name ends in an array index such as "[1]" or "[3]".
     if not (unit.symbol or "." in inside) or not 0.0 < unit.si < inf:
         raise unknown
     return name.rstrip(), unit
 
 
 def _meaning(unit: str) -> tuple[int, Counter[str]]:
-    """Power of ten from a unit such as ``N s/m`` to SI base units, and the powers of those."""
+    """Return the power of ten from a unit such as ``N s/m`` to SI base units, and their powers."""
     total = 0
     powers: Counter[str] = Counter()
     for side, sign in zip(unit.translate(_ASCII).split("/", 1), (1, -1), strict=False):

@@ -1,4 +1,4 @@
-"""Faults of the plate: what breaks, and what a broken sensor reports."""
+"""Faults of the plate, and the readings of a faulty sensor."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from smarttac_can.vocabulary.signals import Measurement
 _FAULT_STREAM: Final = 0x46
 _PICKUPS: Final = (PICKUP_D, PICKUP_Q, PICKUP)
 SOUND: Final = (1.0, 1.0)
-"""Gains of the pick-up that has not failed."""
+"""Gains of a sound pick-up."""
 
 
 class Fault(NamedTuple):
@@ -33,37 +33,37 @@ class Fault(NamedTuple):
 
     kind: FaultKind
     sensor: int
-    """Number of the sensor, 1..10; of no meaning where no sensor breaks."""
+    """Number of the sensor, 1..10; ignored for kinds that do not concern a sensor."""
     value: int
-    """How much; the unit follows from kind and sensor."""
+    """Size; its unit follows from kind and sensor."""
 
     def require_sense(self) -> None:
-        """Raise ValueError if there is no such sensor, or the value makes no sense for the kind."""
+        """Raise ValueError if the sensor does not exist, or the value is invalid for the kind."""
         both_axes = self.kind in (FaultKind.GAIN, FaultKind.NONE)
         require("sensor", self.sensor, 1, PICKUP if both_axes else THERMOMETER)
         require(self.kind.name.lower(), self.value, *value_range(self.kind))
 
 
 class Failing(Protocol):
-    """Sensors of which one fails."""
+    """Sensors with a failure."""
 
     def gains(self, tick: int) -> tuple[float, float]:
         """Return the gains of the axes of the pick-up, before their converters, at a tick."""
 
     def measure(self, tick: int, sound: Measurement) -> Measurement:
-        """Return what is reported at a tick instead of what the sensors would report."""
+        """Return the measurement at a tick for the measurement of sound sensors."""
 
 
 class SensorFault:
-    """One broken sensor; the others report as they did.
+    """One faulty sensor; the others are unchanged.
 
-    What it reports at a tick is a function of seed, tick, and for a stuck sensor of the reading
-    at which it got stuck.
+    Its reading at a tick is a function of seed and tick, and for a stuck sensor of the reading at
+    which it got stuck.
 
     Parameters
     ----------
     fault
-        Of one of the sensors.
+        Fault of one of the sensors.
     parameters
         Range and resolution of the sensors.
     seed
@@ -94,7 +94,7 @@ class SensorFault:
         return self._gains
 
     def measure(self, tick: int, sound: Measurement) -> Measurement:
-        """Return what is reported at a tick instead of what a sound sensor would report."""
+        """Return the measurement at a tick for the measurement of sound sensors."""
         if _is_gain_of_pickup(self._fault):
             return sound
         W, gauges, temperature, saturated = sound
@@ -120,7 +120,7 @@ class SensorFault:
         return Measurement(W, gauges, temperature, saturated)
 
     def _reading(self, tick: int, sound: float) -> tuple[float, bool]:
-        """Return the broken sensor's reading in SI units, and whether it is at its end."""
+        """Return the faulty reading in SI units, and whether it is at the end of the range."""
         step, limit = self._step, self._full_scale
         count = floor(self._disturbed(tick, sound) / step + 0.5)
         return max(-limit, min(limit, count)) * step, abs(count) >= limit
@@ -150,7 +150,7 @@ def _is_gain_of_pickup(fault: Fault) -> bool:
 
 
 def _gains(fault: Fault) -> tuple[float, float]:
-    """Return what a fault makes of the two axes of the pick-up before their converters."""
+    """Return the gains of both axes of the pick-up, before their converters, under a fault."""
     if not _is_gain_of_pickup(fault):
         return SOUND
     gain = fault.value * 1e-3
@@ -158,14 +158,14 @@ def _gains(fault: Fault) -> tuple[float, float]:
 
 
 class Slam:
-    """A finger that presses harder than its motion says.
+    """A finger that presses harder than its motion prescribes.
 
     Parameters
     ----------
     finger
-        The motion.
+        Motion of the finger.
     force
-        Further normal force in N, 0 or more.
+        Additional normal force in N, 0 or more.
     """
 
     __slots__ = ("_finger", "_force")
@@ -181,13 +181,13 @@ class Slam:
 
 
 def broken(parameters: PlateParameters, fault: Fault) -> PlateParameters:
-    """Return the parameters of a plate whose resonance has shifted or whose quality is lost."""
+    """Return the parameters of a plate with a shifted resonance or a reduced quality factor."""
     mode = parameters.resonator
     f0, tau = mode.f0, mode.tau
     if fault.kind is FaultKind.RESONANCE_SHIFT:
         f0 += fault.value
     elif fault.kind is FaultKind.QUALITY:
         tau *= fault.value * 1e-3
-    # The electromechanical conversion does not break.
+    # The electromechanical conversion is unchanged.
     gain = mode.gain * tau / mode.tau * mode.f0 / f0
     return replace(parameters, resonator=replace(mode, f0=f0, tau=tau, gain=gain))

@@ -1,7 +1,7 @@
-"""What the finger feels of the vibration: the mode's shape where it is, and the lag of the film.
+"""Vibration that acts on the finger: the mode shape at its position, and the lag of the film.
 
-It follows ``shape |W|`` with the lag of the squeeze film, exactly for a vibration constant over a
-step.
+The amplitude at the finger follows ``shape |W|`` with the lag of the squeeze film. The step is
+exact for a vibration that is constant during it.
 """
 
 from __future__ import annotations
@@ -14,13 +14,14 @@ from smarttac_can.plant.parameters import TWO_PI
 def shape_at(x: float, ripple: float, node_distance: float) -> float:
     """Return ``1 + ripple cos(2 pi x/node_distance)`` at x in m from the middle of the plate.
 
-    It is the amplitude at the finger, averaged over the contact, over that at the pick-up.
+    It is the ratio of the amplitude at the finger, averaged over the contact, to that at the
+    pick-up.
     """
     return 1.0 + ripple * math.cos(TWO_PI * x / node_distance)
 
 
 def film_share(duration: float, lag: float) -> float:
-    """Return by which share of its distance the film follows in a step, both times in s."""
+    """Return the fraction of its distance that the film covers in a step, both times in s."""
     return -math.expm1(-duration / lag) if lag else 1.0
 
 

@@ -1,4 +1,4 @@
-"""Prescribed motion of the finger's bone: a pure function of time."""
+"""Prescribed motion of the bone of the finger, as a pure function of time."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from smarttac_can.plant.parameters import TWO_PI, require
 _STROKE_STREAM = 0x57
 _LEAST_SAMPLES = 2
 _RAMP_SHARE = 0.2
-"""Length of the turning ramp of a pass, as a share of its travel at full speed."""
+"""Length of a turning ramp, as a fraction of the travel at full speed."""
 _LAG_S = 0.02
 """Time constant of a guided finger."""
 _LIFTED_N = 1e-3
@@ -25,16 +25,16 @@ SAMPLE_RANGES = (("time", 0.0, 1e9), ("x", -38e-3, 38e-3), ("Fn", 0.0, 10.0))
 
 
 class FingerState(NamedTuple):
-    """Where the finger is and how hard it presses."""
+    """Position of the finger, and its normal force."""
 
     x: float
     """Position along the plate in m from its middle."""
     Fn: float
-    """Normal force in N; 0 is lifted."""
+    """Normal force in N; 0 for a lifted finger."""
 
 
 class Finger(Protocol):
-    """A motion of the finger."""
+    """Motion of a finger."""
 
     def at(self, time: float) -> FingerState:
         """Return the state at a time in s, 0 or more, from the start of the run."""
@@ -55,33 +55,33 @@ class Pass(NamedTuple):
     """One pass of a stroke."""
 
     start: float
-    """In s."""
+    """Start time in s."""
     duration: float
-    """In s, with a ramp at both ends."""
+    """Duration in s, including a ramp at both ends."""
     speed: float
-    """Between the ramps in m/s."""
+    """Speed between the ramps in m/s."""
     Fn: float
     """Normal force in N."""
 
 
 class Path(NamedTuple):
-    """What all passes of a stroke have in common."""
+    """Common data of all passes of a stroke."""
 
     travel: float
     """Distance between the turning points in m."""
     rest: float
     """Time in s before the finger presses."""
     press: float
-    """Length in s of the rise of the normal force."""
+    """Rise time of the normal force in s."""
 
 
 def pass_at(start: float, travel: float, speed: float, Fn: float) -> Pass:
-    """Return a pass that begins at a time in s."""
+    """Return a pass that starts at a time in s."""
     return Pass(start, (1.0 + _RAMP_SHARE) * travel / speed, speed, Fn)
 
 
 def ramp_of(path: Path, now: Pass) -> float:
-    """Return how long a ramp of a pass takes in s."""
+    """Return the duration of a ramp of a pass in s."""
     return _RAMP_SHARE * path.travel / now.speed
 
 
@@ -93,15 +93,15 @@ def stroke_at(
     Parameters
     ----------
     path
-        The stroke.
+        Common data of the stroke.
     back
         Whether the pass goes from right to left.
     now
-        The pass in which the time lies; the first one also before it begins.
+        Pass at this time; for times before the first pass, the first one.
     Fn_before
         Normal force of the pass before in N.
     time
-        In s.
+        Time in s.
     """
     travel, rest, press = path
     start, duration, speed, Fn = now
@@ -114,11 +114,11 @@ def stroke_at(
 
 
 class Stroke:
-    """A finger sliding to and fro over the middle of the plate.
+    """A finger that slides to and fro over the middle of the plate.
 
-    It rests above the plate's left, presses, and then slides without lifting: every pass is one
-    touch of the middle, at constant speed there, with raised-cosine ramps where it turns. Force
-    and speed are drawn anew for each pass.
+    It rests above the left side of the plate, presses, and then slides without lifting. Every pass
+    is one touch of the middle, at constant speed there, with raised-cosine ramps at the turns.
+    Force and speed are drawn anew for each pass.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ class Stroke:
     rest
         Time in s before the finger presses, for taring, 0..100.
     press
-        Length in s of the rise of the normal force, 0.001..10.
+        Rise time of the normal force in s, 0.001..10.
     """
 
     __slots__ = ("_force", "_passes", "_path", "_rng", "_speed", "_variation")
@@ -186,16 +186,16 @@ class Stroke:
             number = max(0, bisect_right(passes, time, key=_start) - 1)
         now = passes[number]
         before = passes[number - 1].Fn if number else now.Fn
-        # A named tuple's own constructor costs twice this.
+        # This takes half the time of a named tuple's own constructor.
         return tuple.__new__(FingerState, stroke_at(self._path, number % 2 == 1, now, before, time))
 
     @property
     def path(self) -> Path:
-        """What all passes have in common."""
+        """Common data of all passes."""
         return self._path
 
     def passes(self, count: int) -> list[Pass]:
-        """Return the first passes, 1 or more of them."""
+        """Return the first ``count`` passes, 1 or more."""
         passes = self._passes
         while len(passes) < count:
             passes.append(self._draw(passes[-1].start + passes[-1].duration))
@@ -216,7 +216,7 @@ def smooth(share: float) -> float:
 
 
 def _ramped(elapsed: float, duration: float, ramp: float) -> float:
-    """Return the path at unit speed with raised-cosine ramps of the speed at both ends."""
+    """Return the distance at unit speed with raised-cosine ramps of the speed at both ends."""
     if elapsed < ramp:
         return 0.5 * elapsed - ramp / TWO_PI * math.sin(math.pi * elapsed / ramp)
     left = duration - elapsed
@@ -226,18 +226,17 @@ def _ramped(elapsed: float, duration: float, ramp: float) -> float:
 
 
 class Trajectory:
-    """A recorded finger: linear between samples, lifted before the first and after the last.
+    """A recorded finger: interpolated between samples, lifted before the first and after the last.
 
     Parameters
     ----------
     samples
-        (time in s, x in m, Fn in N), times rising, 2 or more of them; x within +-0.038,
-        Fn 0..10.
+        (time in s, x in m, Fn in N) with rising times, 2 or more; x within +-0.038, Fn 0..10.
 
     Raises
     ------
     ValueError
-        If the samples are too few, out of order or out of range.
+        There are too few samples, or they are out of order or out of range.
     """
 
     __slots__ = ("_samples", "_times")
@@ -273,10 +272,10 @@ class Trajectory:
 
 
 class GuidedFinger:
-    """A finger that a hand guides: it follows a goal that may be set at any time.
+    """A finger guided by hand, which follows a goal that can be set at any time.
 
-    Position and normal force go to the goal as a critically damped second-order system does, so
-    that steps of the goal, which a mouse makes, are no blows.
+    Position and normal force approach the goal like a critically damped second-order system, so
+    that steps of the goal, as from a mouse, are smoothed.
     """
 
     __slots__ = ("_goal", "_now", "_rates", "_time")
@@ -286,12 +285,12 @@ class GuidedFinger:
         self._start(0.0)
 
     def guide(self, x: float, Fn: float) -> None:
-        """Set where the finger is to be in m from the middle, and its normal force in N.
+        """Set the goal: position in m from the middle, and normal force in N.
 
         Raises
         ------
         ValueError
-            If x is outside +-0.038, or Fn outside 0..10; the goal is then unchanged.
+            x is outside +-0.038, or Fn outside 0..10; the goal is then unchanged.
         """
         for (name, low, high), value in zip(SAMPLE_RANGES[1:], (x, Fn), strict=True):
             require(name, value, low, high)
@@ -303,12 +302,12 @@ class GuidedFinger:
         self._rates = (0.0, 0.0)
 
     def at(self, time: float) -> FingerState:
-        """Return the state at a time in s; one before the last one asked for begins a new run."""
+        """Return the state at a time in s; a time before the last one starts a new run."""
         if time < self._time:
             self._start(time)
         goal, now, rates = self._goal, self._now, self._rates
         if now.Fn < _LIFTED_N:
-            # A lifted finger is where it comes down.
+            # A lifted finger moves to where it will touch.
             now, rates = FingerState(goal.x, now.Fn), (0.0, rates[1])
         x, x_rate = _approached(now.x, rates[0], goal.x, time - self._time)
         Fn, Fn_rate = _approached(now.Fn, rates[1], goal.Fn, time - self._time)

@@ -1,10 +1,10 @@
-"""Four fingers that press and move as they like: fitted to Table I by tools/fit_fingers.py.
+"""Four fingers with their own force and speed, fitted to Table I by tools/fit_fingers.py.
 
-The presets of Table I share one force and speed and do not reach the slow rise of subject 4. These
-have their own: four numbers a finger were searched for, W0, load_damping, force and speed. rho and
-p are those of the preset in its place, which were fitted to the same table; mu0 gives, at the
-finger's own force and speed, the middle of the range that the paper states. They show what the
-model can do, and predict nothing.
+The presets of Table I share one force and one speed, and do not reproduce the slow rise of subject
+4. For each finger here four numbers were fitted: W0, load_damping, force and speed. rho and p are
+those of the corresponding preset, which were fitted to the same table. mu0 gives, at the finger's
+own force and speed, the middle of the range in the paper. The fingers show what the model can
+reproduce; they do not predict anything.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from smarttac_can.plant.subjects import SUBJECTS, Subject
 
 
 class FittedFinger(NamedTuple):
-    """A fingertip, and how it is moved."""
+    """A fingertip with its force and speed."""
 
     subject: Subject
     force: float
@@ -44,4 +44,4 @@ FITTED: tuple[FittedFinger, ...] = (
     _fitted(3, 0.576, 1.37e-06, 7.51, 0.915, 0.0724),
     _fitted(4, 0.679, 1.48e-06, 10.5, 1.49, 0.0208),
 )
-"""In the order of Table I."""
+"""Fitted fingers, in the order of Table I."""

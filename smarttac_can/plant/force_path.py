@@ -1,4 +1,4 @@
-"""The way of a force to its gauge: flexure and filter, second order, solved exactly."""
+"""Force path to a gauge: flexure and filter, a second-order system, solved exactly."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from smarttac_can.plant.parameters import TWO_PI
 
 
 class Propagator(NamedTuple):
-    """Exact step of the second-order system for a force constant over the step."""
+    """Exact step of the second-order system for a force that is constant during the step."""
 
     yy: float
     yr: float
@@ -18,7 +18,7 @@ class Propagator(NamedTuple):
 
 
 def propagator(duration: float, frequency: float, damping: float) -> Propagator:
-    """Return the step of a system with natural frequency in Hz and damping ratio below 1."""
+    """Return the step for a natural frequency in Hz and a damping ratio below 1."""
     w = TWO_PI * frequency
     decay = damping * w
     ring = w * math.sqrt(1.0 - damping * damping)
@@ -29,7 +29,7 @@ def propagator(duration: float, frequency: float, damping: float) -> Propagator:
 
 
 def follow(phi: Propagator, y: float, rate: float, force: float) -> tuple[float, float]:
-    """Return output y in N and its rate in N/s after a step under a constant force in N."""
+    """Return output y in N and its rate in N/s after a step with a constant force in N."""
     yy, yr, ry, rr = phi
     deviation = y - force
     return force + yy * deviation + yr * rate, ry * deviation + rr * rate

@@ -1,4 +1,4 @@
-"""The friction map: how vibration, speed and force make the friction of a sliding finger."""
+"""The friction map: friction of a sliding finger from vibration, speed and force."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from typing import NamedTuple
 from smarttac_can.plant.subjects import FORCE_REFERENCE, Subject
 
 SPEED_FLOOR = 1e-12
-"""In m/s: keeps 0/0 out of the effective vibration at rest, far below any speed that matters."""
+"""Speed in m/s that avoids 0/0 in the effective vibration at rest, far below all relevant
+speeds."""
 _REACH_GRID = 5
 
 
 class FrictionMap(NamedTuple):
-    """What the friction of a subject follows from."""
+    """Coefficients of the friction of a subject."""
 
     at_reference: float
     """Friction in N at 0.5 N, without vibration and occlusion."""
@@ -26,13 +27,13 @@ class FrictionMap(NamedTuple):
     p: float
     rho: float
     rise: float
-    """Stribeck ratio less 1."""
+    """Stribeck ratio minus 1."""
     v_s: float
     """Stribeck speed in m/s."""
 
 
 def friction_map(subject: Subject, f0: float) -> FrictionMap:
-    """Return the friction map of a subject for a frequency of the vibration in Hz."""
+    """Return the friction map of a subject at a vibration frequency in Hz."""
     s = subject
     return FrictionMap(
         s.mu0 * FORCE_REFERENCE,
@@ -50,12 +51,12 @@ def friction_map(subject: Subject, f0: float) -> FrictionMap:
 def bare_friction(friction: FrictionMap, Fn: float, occlusion: float) -> float:
     """Return the sliding friction without vibration, mu0(Fn, h) Fn, in N.
 
-    Written as a force, ``k Fn^n (1 + occlusion h)``, it stays finite down to no contact.
+    As a force, ``k Fn^n (1 + occlusion h)``, it is finite without contact, too.
 
     Parameters
     ----------
     friction
-        The subject's.
+        Friction map of the subject.
     Fn
         Normal force in N, 0 or more.
     occlusion
@@ -66,16 +67,16 @@ def bare_friction(friction: FrictionMap, Fn: float, occlusion: float) -> float:
 
 
 def sliding_friction(friction: FrictionMap, bare: float, W: float, v: float) -> float:
-    """Return the friction of a slide in N.
+    """Return the friction of a sliding finger in N.
 
-    The vibration leaves the share ``g = rho + (1 - rho) exp(-(We/W0)^p)``, rho..1, with
-    ``We = W/(1 + v/v1)``, ``v1 = mu0 pi f0 W``; at low speed friction is higher by up to the
+    The vibration reduces it by the factor ``g = rho + (1 - rho) exp(-(We/W0)^p)``, rho..1, with
+    ``We = W/(1 + v/v1)``, ``v1 = mu0 pi f0 W``. At low speed friction is higher, by up to the
     factor stribeck.
 
     Parameters
     ----------
     friction
-        The subject's.
+        Friction map of the subject.
     bare
         Friction without vibration in N, 0 or more.
     W
@@ -93,7 +94,7 @@ def sliding_friction(friction: FrictionMap, bare: float, W: float, v: float) -> 
 def sliding_coefficient(
     subject: Subject, W: float, v: float, Fn: float, occlusion: float, *, f0: float
 ) -> float:
-    """Return the COF of a steady slide; the arguments are those of the functions above, Fn > 0."""
+    """Return the COF of steady sliding; the arguments are as in the functions above, Fn > 0."""
     friction = friction_map(subject, f0)
     return sliding_friction(friction, bare_friction(friction, Fn, occlusion), W, v) / Fn
 
@@ -108,10 +109,10 @@ def check_reach(
     W_max: float = 3e-6,
     f0: float = 43390.0,
 ) -> None:
-    """Refuse a subject whose friction cannot be brought to both references.
+    """Check that the friction of a subject can be brought to both references.
 
-    Over all forces, speeds and degrees of occlusion, ``mu(W_max) < 0.95 mu_low`` and
-    ``mu(0) > 1.05 mu_high`` must be true.
+    For all forces, speeds and degrees of occlusion, ``mu(W_max) < 0.95 mu_low`` and ``mu(0) > 1.05
+    mu_high`` must hold.
 
     Parameters
     ----------
@@ -124,14 +125,14 @@ def check_reach(
     speeds
         Range of the sliding speed in m/s.
     W_max
-        Largest vibration that the controller asks for, in m peak-to-peak.
+        Largest vibration that the controller commands, in m peak-to-peak.
     f0
         Frequency of the vibration in Hz.
 
     Raises
     ------
     ValueError
-        If a reference is out of reach, with the COF that is.
+        A reference is out of reach; the message gives the COF that can be reached.
     """
     share = [number / (_REACH_GRID - 1) for number in range(_REACH_GRID)]
     corners = [

@@ -1,7 +1,7 @@
 """Parameters of the plate: resonator, thermal node and sensors.
 
-Every number carries its unit and where it comes from: [P] the paper, [D] derived from the paper's
-numbers, [L] literature or data sheet, [A] an assumption.
+Every number has its unit and its source: [P] the paper, [D] derived from the paper's numbers, [L]
+literature or data sheet, [A] an assumption.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ TWO_PI = 2.0 * math.pi
 
 
 def require(name: str, value: object, low: float, high: float) -> None:
-    """Refuse a number, or any element of an array, outside a closed range.
+    """Check that a number, or every element of an array, is within a closed range.
 
     Raises
     ------
     ValueError
-        In one line with the name, the value and the bounds; also for NaN.
+        It is outside, or NaN. One line gives the name, the value and the bounds.
     """
     numbers = np.asarray(value, dtype=np.float64)
     if not np.all((numbers >= low) & (numbers <= high)):
@@ -28,12 +28,12 @@ def require(name: str, value: object, low: float, high: float) -> None:
 
 
 def resonance_at(f0: float, slope: float, warmer: float) -> float:
-    """Return the resonance in Hz that much warmer, in K, than where it is f0; slope in Hz/K."""
+    """Return the resonance in Hz at ``warmer`` K above the temperature of f0; slope in Hz/K."""
     return f0 + slope * warmer
 
 
 def stiffness_of(mass: float, resonance: float) -> float:
-    """Return the modal stiffness in N/m of a mass in kg that resonates at a frequency in Hz."""
+    """Return the modal stiffness in N/m of a mass in kg with a resonance in Hz."""
     omega0 = TWO_PI * resonance
     return mass * omega0 * omega0
 
@@ -51,13 +51,13 @@ class ResonatorParameters:
     reference_temperature: float = 20.0
     """Temperature in degC at which :attr:`f0` applies [P]."""
     softening: float = 0.0
-    """Fall of the resonance with the amplitude in Hz/m peak-to-peak, -1e9..1e9; 0 is a linear
-    plate [A], piezo plates have some 60e6 to 150e6."""
+    """Fall of the resonance with the amplitude in Hz/m peak-to-peak, -1e9..1e9. 0 is a linear plate
+    [A]; piezo plates have about 60e6 to 150e6."""
     neighbour_share: float = 0.0
-    """Gain of a neighbouring mode over that of this one, -1..1; 0 for none [A]. The pick-up sees
-    both, the finger is taken to feel this one alone."""
+    """Ratio of the gain of a neighbouring mode to that of this one, -1..1; 0 for none [A]. The
+    pick-up sees both modes; the finger is assumed to feel only this one."""
     neighbour_offset: float = 600.0
-    """By how much it resonates higher in Hz, -5e3..5e3 [A]."""
+    """Resonance of the neighbouring mode minus that of this one in Hz, -5e3..5e3 [A]."""
     tau: float = math.sqrt(1.30**2 - 1.0) / (TWO_PI * 140.0)
     """Time constant 2m/d_s in s [D]: 30 % more voltage at 140 Hz of detuning, 0.944 ms."""
     gain: float = 50e-9
@@ -108,7 +108,7 @@ class SensorParameters:
     """Strain gauges, vibration pick-up and thermometer."""
 
     serial: int = 1
-    """Serial number of the hardware: it draws null, drift and curvature of each gauge."""
+    """Serial number of the hardware, which seeds null, drift and curvature of each gauge."""
     path_frequency: float = 100.0
     """Natural frequency of the force path, flexure and filter, in Hz [A]."""
     path_damping: float = 0.7
@@ -118,33 +118,36 @@ class SensorParameters:
     node_x: float = 28e-3
     """Distance in m of S3..S6 from the middle along the plate's 76 mm [A]."""
     null: float = 1.2
-    """Bound of a gauge's output without load in N [L, FSS1500]."""
+    """Bound of the output of a gauge without load in N [L, FSS1500]."""
     drift: float = 41e-3 / 15.0
-    """Bound of a gauge's null shift in N/K [L, FSS1500: 41 mN over 15 K]."""
+    """Bound of the null shift of a gauge in N/K [L, FSS1500: 41 mN over 15 K]."""
     drift_temperature: float = 20.0
-    """Temperature in degC at which a gauge shows its null [A]."""
+    """Temperature in degC at which a gauge has its null [A]."""
     linearity: float = 0.22
-    """Bound of a gauge's bow in N over :attr:`span` [L]; its slope at no load is calibrated [A]."""
+    """Bound of the bow of a gauge in N over :attr:`span` [L]; its slope without load is calibrated
+    [A]."""
     span: float = 14.7
     """Span of a gauge in N [L, FSS1500]."""
     gauge_noise: float = 4.3e-3
-    """Standard deviation of a gauge in N [A]: u(mu) is 0.011 at Fn = 0.5 N and mu = 0.4."""
+    """Standard deviation of the noise of a gauge in N [A]: u(mu) is 0.011 at Fn = 0.5 N and mu =
+    0.4."""
     pickup_noise: float = 1e-9
-    """Standard deviation of the pick-up in m, each axis [A]."""
+    """Standard deviation of the noise of each axis of the pick-up in m [A]."""
     pickup_window: float = 0.0
-    """The pick-up reads the mean over this time in s before the tick, 0..0.001 [A]."""
+    """Time in s before the tick over which the pick-up averages, 0..0.001 [A]."""
     pickup_lag: float = 0.0
-    """Time constant in s of the low-pass filter behind its demodulator, 0..0.01 [A]."""
+    """Time constant in s of the low-pass filter after the demodulator of the pick-up, 0..0.01
+    [A]."""
     temperature_noise: float = 5e-3
-    """Standard deviation of the thermometer in K [A]."""
+    """Standard deviation of the noise of the thermometer in K [A]."""
     gauge_resolution: float = 1e-4
     """Step of the gauge converter in N [A]."""
     pickup_resolution: float = 1e-10
-    """Step of the pick-up converter in m, each axis [A]."""
+    """Step of the converter of each axis of the pick-up in m [A]."""
     temperature_resolution: float = 1e-2
     """Step of the thermometer in K [A]."""
     full_scale: int = 32767
-    """Converters of gauges and pick-up end at +- this many steps [A]."""
+    """Range of the converters of gauges and pick-up, as +- this number of steps [A]."""
 
     def __post_init__(self) -> None:
         require("serial", self.serial, 0, 2**32 - 1)
@@ -171,15 +174,15 @@ class SensorParameters:
 
 @dataclass(frozen=True, slots=True)
 class ContactParameters:
-    """Between the mode and the friction under the finger; by default nothing."""
+    """Effects between the mode and the friction under the finger; none by default."""
 
     film_lag: float = 0.0
     """Time constant in s with which the squeeze film follows the vibration, 0..0.1 [A]."""
     ripple: float = 0.0
-    """Swing of the amplitude under a moving finger, as a fraction of W, 0..0.5 [A]: 0.08 to 0.11 of
-    the mode's shape are left by a contact of some 7 mm over nodes 8 mm apart."""
+    """Change of the amplitude under a moving finger, as a fraction of W, 0..0.5 [A]. A contact of
+    about 7 mm over nodes 8 mm apart leaves 0.08 to 0.11 of the mode shape."""
     node_distance: float = 8e-3
-    """Distance of the nodes along x in m [A]."""
+    """Distance between nodes along x in m [A]."""
 
     def __post_init__(self) -> None:
         require("film_lag", self.film_lag, 0.0, 0.1)
@@ -189,7 +192,7 @@ class ContactParameters:
 
 @dataclass(frozen=True, slots=True)
 class PlateParameters:
-    """All that belongs to the plate and not to the finger."""
+    """All parameters of the plate, without the finger."""
 
     resonator: ResonatorParameters = field(default_factory=ResonatorParameters)
     thermal: ThermalParameters = field(default_factory=ThermalParameters)

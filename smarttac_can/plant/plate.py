@@ -20,38 +20,37 @@ FREQUENCY_MAX = 1e6
 class Plate:
     """One run of the plate, from rest at ambient temperature at tick 0.
 
-    Each tick is ``sample`` (once or more), then ``step``. The attributes are the true values
-    before the sensors at the present tick, for tests and reports.
+    In each tick call ``sample`` (once or more), then ``step``. The attributes are the true values
+    at the present tick, not the readings of the sensors, for tests and reports.
 
     Parameters
     ----------
     parameters
-        The plate.
+        Parameters of the plate.
     subject
-        The fingertip.
+        Fingertip.
     finger
-        Its motion.
+        Motion of the finger.
     seed
         Seed of the sensor noise, 0 or more.
     ambient
         Ambient temperature in degC, -20..60.
     dead_time
-        Time in s from the start of a tick to the instant at which the new drive comes into
-        force, 0..0.001.
+        Time in s from the start of a tick until the new drive comes into force, 0..0.001.
     failing
-        Sensors of which one fails; None for sound ones.
+        Sensors with a failure; None for sound ones.
 
     Attributes
     ----------
     tick
         Ticks since the start of the run.
     finger_state
-        Position and normal force.
+        Position and normal force of the finger.
 
     Raises
     ------
     ValueError
-        If an argument is outside its range.
+        An argument is outside its range.
     """
 
     __slots__ = (
@@ -133,7 +132,7 @@ class Plate:
 
     @property
     def mu_true(self) -> float:
-        """COF under the finger; 0 while it is lifted."""
+        """COF under the finger; 0 for a lifted finger."""
         Fn = self.finger_state.Fn
         return abs(self.Ft) / Fn if Fn > 0.0 else 0.0
 
@@ -154,28 +153,28 @@ class Plate:
 
     @property
     def nulls(self) -> tuple[float, ...]:
-        """What S1..S6 show without a load at 20 degC, in N."""
+        """Outputs of S1..S6 without a load at 20 degC, in N."""
         return tuple(gauge.null for gauge in sensing(self._parameters.sensors).gauges)
 
     def put(self, weight: Weight) -> None:
-        """Put a weight on the plate instead of the one before; it is there at once."""
+        """Replace the weight on the plate, with immediate effect."""
         self._plan = self._plan._replace(sensing=loaded(self._parameters.sensors, weight))
         self._measurement = None
 
     def sample(self) -> Measurement:
-        """Return what the sensors report at the present tick, always the same for one tick."""
+        """Return the measurement at the present tick, which is always the same for one tick."""
         if self._measurement is None:
             self._measurement = measured(
                 self._plan_at(self.tick), self._state, self._noise.at(self.tick)
             )
-        # A named tuple's own constructor costs twice this.
+        # This takes half the time of a named tuple's own constructor.
         measurement: Measurement = tuple.__new__(Measurement, self._measurement)
         if self._failing is None:
             return measurement
         return self._failing.measure(self.tick, measurement)
 
     def _plan_at(self, tick: int) -> PlatePlan:
-        """Return the plan with the gains that a failing pick-up has at a tick."""
+        """Return the plan with the gains of a failing pick-up at a tick."""
         gains = SOUND if self._failing is None else self._failing.gains(tick)
         if gains == SOUND:
             return self._plan
@@ -184,14 +183,15 @@ class Plate:
         return self._plan._replace(sensing=sensors)
 
     def inject(self, fault: Fault) -> None:
-        """Break something from the coming step on, instead of what was broken before.
+        """Inject a fault from the coming step on, which replaces the present fault.
 
-        `FaultKind.NONE` mends it: another temperature is back at once, the plate goes on moving.
+        `FaultKind.NONE` removes the fault. A changed temperature is reset at once; the motion of
+        the plate continues.
 
         Raises
         ------
         ValueError
-            If there is no such fault; nothing has changed then.
+            The fault is invalid; nothing is then changed.
         """
         fault.require_sense()
         if self._ambient != self._sound[2]:
@@ -217,7 +217,7 @@ class Plate:
         Raises
         ------
         ValueError
-            If a voltage is outside 0..1000 V or a frequency outside 0..1 MHz; the plate is then
+            A voltage is outside 0..1000 V or a frequency outside 0..1 MHz; the plate is then
             unchanged.
         """
         _require_possible(new)

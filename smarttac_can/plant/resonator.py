@@ -1,8 +1,8 @@
 """The vibration mode of eq. (1), solved exactly in the frame of the drive voltage.
 
 ``m W" + (d + 2jmw) W' + (c - m w^2 + jwd) W = jN V_q`` has constant coefficients while the drive
-and the load are constant, so a step is the product with a matrix exponential: both second-order
-terms of eq. (4), (5) are kept, at any detuning, with no step-size error.
+and the load are constant, so a step is a product with a matrix exponential. Both second-order terms
+of eq. (4), (5) are kept; the step is exact for any detuning and any step size.
 """
 
 from __future__ import annotations
@@ -11,13 +11,14 @@ from cmath import exp as exp_j
 from math import sqrt
 
 Response = tuple[complex, complex, complex, complex, complex]
-"""Exact step of the mode under a constant drive and load: a 2 x 2 matrix, and where W ends in m."""
+"""Exact step of the mode for a constant drive and load: a 2 x 2 matrix, and the equilibrium of W in
+m."""
 
 
 def response(
     mass: float, duration: float, omega: float, force: float, damping: float, stiffness: float
 ) -> Response:
-    """Return the step of the mode.
+    """Return the exact step of the mode.
 
     Parameters
     ----------
@@ -28,11 +29,11 @@ def response(
     omega
         Angular frequency w of the drive in rad/s.
     force
-        N V_q in N peak-to-peak.
+        Force N V_q in N peak-to-peak.
     damping
-        d in N s/m, plate and finger; below 2 sqrt(c m).
+        Damping d of plate and finger in N s/m; below 2 sqrt(c m).
     stiffness
-        c in N/m, plate and finger.
+        Stiffness c of plate and finger in N/m.
     """
     decay = 0.5 * damping / mass
     natural = sqrt(stiffness / mass - decay * decay)
@@ -59,7 +60,7 @@ def integral(
     force: float,
     loaded: tuple[float, float],
 ) -> complex:
-    """Return the integral of the envelope over a step in m s, from the equation itself.
+    """Return the integral of the envelope over a step in m s, from the differential equation.
 
     Parameters
     ----------
@@ -68,7 +69,7 @@ def integral(
     duration, mass, omega, force
         As for `response`.
     loaded
-        Its damping and stiffness.
+        Damping and stiffness of plate and finger, as for `response`.
     """
     damping, stiffness = loaded
     W, rate, W_next, rate_next = moved
@@ -78,7 +79,7 @@ def integral(
 
 
 def rate_in_frame(W: complex, rate: complex, faster: float) -> complex:
-    """Return W' in a frame that turns faster, by that many rad/s; W itself stays."""
+    """Return W' in a frame that rotates faster by ``faster`` rad/s; W itself is unchanged."""
     return rate + 1j * -faster * W
 
 

@@ -1,4 +1,4 @@
-"""Strain gauges, vibration pick-up and thermometer: from true values to what is reported."""
+"""Strain gauges, vibration pick-up and thermometer: their readings from the true values."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ from math import floor
 from typing import NamedTuple
 
 import numpy as np
-from numpy.random import default_rng  # not in a run: its import loses a Ctrl-C
+from numpy.random import default_rng  # imported here, as an import during a run may lose a Ctrl-C
 from numpy.typing import NDArray
 
 from smarttac_can.plant.parameters import SensorParameters, require
 from smarttac_can.vocabulary.signals import MeasurementFields
 
 NOISE_BLOCK = 256
-"""Ticks whose noise comes from a generator of their own."""
+"""Number of ticks whose noise comes from one generator."""
 CHANNELS = 9
 """Noisy channels: S1..S6, the two axes of the pick-up, the thermometer."""
 _DRAW = 16
-"""Ticks whose noise is drawn together: all of a block at once would make its first cycle late."""
+"""Number of ticks drawn at once; drawing a whole block would make its first cycle late."""
 _NOISE_STREAM = 0x4E
 _SERIAL_STREAM = 0x53
 PICKUP_SATURATED = 1 << 6
 
 
 class Gauge(NamedTuple):
-    """What belongs to one strain gauge."""
+    """Individual data of one strain gauge."""
 
     null: float
     """Output without load in N."""
@@ -36,7 +36,7 @@ class Gauge(NamedTuple):
 
 
 class Weight(NamedTuple):
-    """A load at rest on the plate, beside a finger's."""
+    """A static load on the plate, in addition to that of a finger."""
 
     Fx: float = 0.0
     """Lateral force along the plate in N."""
@@ -49,7 +49,7 @@ class Weight(NamedTuple):
 
 
 class Sensing(NamedTuple):
-    """What the readings of one set of sensors follow from."""
+    """Coefficients of the readings of one set of sensors."""
 
     x_to_S1: float
     x_to_S2: float
@@ -57,19 +57,19 @@ class Sensing(NamedTuple):
     drift_temperature: float
     limit: int
     step: float
-    """Of the gauge converter in N."""
+    """Step of the gauge converter in N."""
     pickup_step: float
     grain: float
     """Step of the thermometer in K."""
     gauges: tuple[Gauge, Gauge, Gauge, Gauge, Gauge, Gauge]
     gain_d: float
-    """Of the direct axis of the pick-up, before its converter; 1 of a sound one."""
+    """Gain of the direct axis of the pick-up, before its converter; 1 for a sound one."""
     gain_q: float
-    """The same of the quadrature axis."""
+    """Gain of the quadrature axis of the pick-up, before its converter."""
 
 
 def sensing(parameters: SensorParameters) -> Sensing:
-    """Return the sensors with these parameters: their serial number draws what the gauges have."""
+    """Return the sensors with these parameters; the serial number seeds the data of the gauges."""
     p = parameters
     draws = default_rng([p.serial, _SERIAL_STREAM]).uniform(-1.0, 1.0, (3, 6))
     curvature = 4.0 * p.linearity / (p.span * p.span) if p.span else 0.0
@@ -96,8 +96,8 @@ def sensing(parameters: SensorParameters) -> Sensing:
 def loaded(parameters: SensorParameters, weight: Weight) -> Sensing:
     """Return the sensors under a weight.
 
-    It shifts what each gauge shows without a finger; that a gauge is bent by both together, its
-    bow times twice their product, is left out [A].
+    The weight shifts the output of each gauge without a finger. The mixed term of its bow, twice
+    the product of both loads, is neglected [A].
     """
     Fx, Fy, Fn, x = weight
     (xx, xy), (yx, yy) = parameters.crosstalk
@@ -113,12 +113,12 @@ def loaded(parameters: SensorParameters, weight: Weight) -> Sensing:
 
 
 def noise_block(parameters: SensorParameters, seed: int, block: int) -> NDArray[np.float64]:
-    """Return the noise of ticks ``256 block`` to ``256 block + 255``, one row of 9 a tick, SI."""
+    """Return the noise of ticks ``256 block`` to ``256 block + 255``, a row of 9 a tick, SI."""
     return _Block(parameters, seed, block).draw(NOISE_BLOCK)
 
 
 class _Block:
-    """Noise of a block of ticks; how many are drawn together makes no difference to them."""
+    """Noise of a block of ticks; it does not depend on how many ticks are drawn at once."""
 
     __slots__ = ("_rng", "_scale")
 
@@ -128,7 +128,7 @@ class _Block:
         self._rng = default_rng([seed, _NOISE_STREAM, block])
 
     def draw(self, ticks: int) -> NDArray[np.float64]:
-        """Return the next rows, one of 9 a tick, SI."""
+        """Return the next rows, a row of 9 per tick, in SI."""
         noise: NDArray[np.float64] = self._rng.standard_normal((ticks, CHANNELS)) * self._scale
         return noise
 
@@ -140,21 +140,21 @@ def readings(
     temperature: float,
     forces: tuple[float, float, float],
 ) -> MeasurementFields:
-    """Return what is reported in a tick.
+    """Return the measurement of a tick.
 
     Parameters
     ----------
     sensing
-        The sensors.
+        Coefficients of the sensors.
     noise
-        Of S1..S6 in N, of the axes of the pick-up in m and of the thermometer in K.
+        Noise of S1..S6 in N, of the axes of the pick-up in m and of the thermometer in K.
     W
         Vibration in m peak-to-peak.
     temperature
         Plate temperature in degC.
     forces
-        After the force path: Fx and Fn in N, and the moment in N m, which is Fn times the finger's
-        position along x.
+        Outputs of the force path: Fx and Fn in N, and the moment in N m, which is Fn times the
+        position of the finger along x.
     """
     Fx, Fn, moment = forces
     (
@@ -210,12 +210,12 @@ def _ended(count: int, limit: int) -> int:
 
 
 class Noise:
-    """The noise of one run: that of a tick is a function of the seed and the tick alone.
+    """The noise of one run; that of a tick is a function of seed and tick only.
 
     Parameters
     ----------
     parameters
-        The sensors' data.
+        Parameters of the sensors.
     seed
         Seed of the noise, 0 or more.
     """
@@ -232,7 +232,7 @@ class Noise:
         self._drawn = 0
 
     def at(self, tick: int) -> Sequence[float]:
-        """Return the noise of a tick, 0 or more, as `readings` takes it."""
+        """Return the noise of a tick, 0 or more, in the order for `readings`."""
         block, row = divmod(tick, NOISE_BLOCK)
         if block != self._block or row < self._drawn - _DRAW:
             self._source = _Block(self._parameters, self._seed, block)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 class PowerStage:
-    """A simulated power stage, sound at first."""
+    """A simulated power stage, initially sound."""
 
     __slots__ = ("_stuck",)
 
@@ -12,9 +12,9 @@ class PowerStage:
         self._stuck = 0.0
 
     def put_out(self, commanded: float) -> float:
-        """Return the voltage at its output in V, as hardware there reads it back.
+        """Return the voltage at its output in V, as hardware would read it back.
 
-        At 0 V the output is disconnected, so that much a stuck stage obeys.
+        At 0 V the output is disconnected, so even a stuck stage is at 0 V.
 
         Parameters
         ----------
@@ -24,5 +24,5 @@ class PowerStage:
         return self._stuck if commanded and self._stuck else commanded
 
     def stick(self, voltage: float) -> None:
-        """Put out a voltage in V for each command above 0 V; 0 ends the fault."""
+        """Put out a voltage in V for every command above 0 V; 0 removes the fault."""
         self._stuck = voltage

@@ -1,4 +1,4 @@
-"""Subjects: what a fingertip is made of, and five presets."""
+"""Subjects: parameters of a fingertip, and five presets."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from smarttac_can.plant.parameters import require
 
 FORCE_REFERENCE = 0.5
-"""Normal force in N at which mu0 and the load on the plate are stated."""
+"""Normal force in N at which mu0 and the load on the plate are given."""
 
 _BOUNDS = {
     "mu0": (0.05, 3.0),
@@ -35,7 +35,7 @@ class Subject:
     Raises
     ------
     ValueError
-        If a parameter is outside its range.
+        A parameter is outside its range.
     """
 
     name: str
@@ -48,15 +48,15 @@ class Subject:
     occlusion_time: float
     """Time constant of occlusion in s, about 20 s [L, doi:10.1007/s11249-011-9828-0]."""
     rho: float
-    """Share of mu0 that vibration cannot remove [A, fitted]."""
+    """Fraction of mu0 that vibration cannot remove [A, fitted]."""
     W0: float
-    """Effective vibration in m that removes 1 - 1/e of the rest [A, fitted]."""
+    """Effective vibration in m that removes 1 - 1/e of the removable fraction [A, fitted]."""
     p: float
     """Shape of the friction map, 1..2 [A]."""
     stribeck: float
-    """Ratio of friction at no speed to friction at speed, 1.1..1.5 [A]."""
+    """Ratio of the friction at rest to that at high speed, 1.1..1.5 [A]."""
     stribeck_speed: float
-    """Speed in m/s at which half of the Stribeck rise is gone [A]."""
+    """Speed in m/s at which half of the Stribeck rise has vanished [A]."""
     relaxation_length: float
     """Sliding distance in m over which friction builds up to 1 - 1/e, 11.5 um [D from L]."""
     skin_mass: float

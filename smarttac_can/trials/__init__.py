@@ -1,4 +1,4 @@
-"""Fault matrix, soak and attack: every fault in every mode, hours of faults, a hostile node."""
+"""Fault matrix, soak and attack: each fault in each mode, hours of faults, a hostile node."""
 
 from smarttac_can.trials.fault_cases import cases
 from smarttac_can.trials.hostile import Hostile

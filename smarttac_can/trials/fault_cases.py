@@ -1,4 +1,4 @@
-"""Every fault of the fault matrix: how it comes, how it goes, and how soon it must be at 0 V."""
+"""All faults of the fault matrix: how to inject and remove each one, and its bound until 0 V."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ from smarttac_can.vocabulary.watchdogs import (
 )
 
 SETPOINT_DEADLINE_MS: Final = 5
-"""Event timer of the set-points at the stimulator, where the master sends them in each cycle."""
+"""Event timer in ms of the set-points at the stimulator, if the master sends them in each cycle."""
 _PAUSE_CYCLES: Final = 2000
 _FULL_CYCLES: Final = 20
 _SETPOINT_RPDO: Final = 2
@@ -69,25 +69,25 @@ Act = Callable[[Rig], None]
 
 
 def nothing(rig: Rig) -> None:
-    """Do nothing: the cause of the fault is gone by itself."""
+    """Do nothing, as the cause of the fault has already gone."""
 
 
 def put(name: str, value: object) -> Act:
-    """Make an act that gives an attribute of the rig another value."""
+    """Return an act that sets an attribute of the rig."""
     return lambda rig: setattr(rig, name, value)
 
 
 def disturb(frame_fault: FrameFault, *can_ids: int, cycles: int = 1) -> Act:
-    """Make an act after which a frame_fault happens to every frame with one of these CAN-IDs.
+    """Return an act after which each frame with one of these CAN-IDs is disturbed.
 
-    It lasts until `calm`; ``cycles`` is how late a delayed frame is.
+    The disturbance lasts until `calm`. A delayed frame is ``cycles`` late.
     """
     disturbance = Disturbance(frame_fault, frozenset(can_ids), cycles=cycles)
     return lambda rig: rig.bus.disturbances.append(disturbance)
 
 
 def lose(*can_ids: int) -> Act:
-    """Make an act that loses these frames in one cycle; in two in a row that would be a fault."""
+    """Return an act that loses these frames in one cycle; two in a row would be a fault."""
 
     def act(rig: Rig) -> None:
         disturb(FrameFault.LOSS, *can_ids)(rig)
@@ -103,7 +103,7 @@ def calm(rig: Rig) -> None:
 
 
 def jump(plate: bool) -> Act:
-    """Make an act that puts the clock of a node forward by 2 s."""
+    """Return an act that advances the clock of a node by 2 s."""
 
     def act(rig: Rig) -> None:
         port = rig.plate_port if plate else rig.stimulator_port
@@ -119,18 +119,18 @@ def stop_clock(rig: Rig) -> None:
 
 
 def start_clock(rig: Rig) -> None:
-    """Let the clock of the stimulator go on."""
+    """Restart the clock of the stimulator."""
     rig.bus.start_clock(rig.stimulator_port)
 
 
 def restart_stimulator(rig: Rig) -> None:
-    """Take the power from the stimulator and give it back."""
+    """Switch the power of the stimulator off and on."""
     rig.bus.power_off(rig.stimulator_port)
     rig.bus.power_on(rig.stimulator_port)
 
 
 def restart_plate(rig: Rig) -> None:
-    """Take the power from the plate and give it back."""
+    """Switch the power of the plate off and on."""
     assert rig.plate_port is not None
     rig.bus.power_off(rig.plate_port)
     rig.bus.power_on(rig.plate_port)
@@ -142,16 +142,16 @@ def pause_stimulator(rig: Rig) -> None:
 
 
 def resume_stimulator(rig: Rig) -> None:
-    """Let the process of the stimulator go on, 2 s later, until it has heard the plate again."""
+    """Resume the process of the stimulator after 2 s, and wait for a heartbeat of the plate."""
     rig.cycle(_PAUSE_CYCLES)
     rig.bus.resume(rig.stimulator_port)
     hear_plate(rig)
 
 
 def pause_plate(rig: Rig) -> None:
-    """Stop the process of the plate for 2 s, and let it go on: the first cycle counts from there.
+    """Stop the process of the plate for 2 s and resume it; cycles count from the resumption.
 
-    A plate that is stopped cannot put its own stage at 0 V.
+    A stopped process cannot set its own stage to 0 V.
     """
     assert rig.plate_port is not None
     rig.bus.pause(rig.plate_port)
@@ -165,12 +165,12 @@ def pause_master(rig: Rig) -> None:
 
 
 def resume_master(rig: Rig) -> None:
-    """Let heartbeat and SYNC of the master go on."""
+    """Restart heartbeat and SYNC of the master."""
     rig.heartbeat, rig.syncs = True, 1
 
 
 class _BrokenController:
-    """A cascade whose drive has another voltage than it should."""
+    """A cascade that replaces the voltage of the drive by a wrong one."""
 
     def __init__(self, cascade: Cascade, voltage: float) -> None:
         self.cascade = cascade
@@ -185,7 +185,7 @@ class _BrokenController:
 
 
 def control_wrongly(voltage: float) -> Act:
-    """Make an act after which the controllers ask for a voltage in V, whatever they see."""
+    """Return an act after which the controllers always ask for this voltage in V."""
 
     def act(rig: Rig) -> None:
         block = rig.stimulator.block
@@ -195,14 +195,14 @@ def control_wrongly(voltage: float) -> Act:
 
 
 def control_rightly(rig: Rig) -> None:
-    """Put the right controllers back."""
+    """Restore the original controllers."""
     block = rig.stimulator.block
     if isinstance(block.cascade, _BrokenController):
         block.cascade = block.cascade.cascade
 
 
 def another_plate(serial: int) -> Act:
-    """Make an act that gives the plate another serial number."""
+    """Return an act that sets another serial number of the plate."""
 
     def act(rig: Rig) -> None:
         rig.plate_block.od["Plate serial number"].value = serial
@@ -211,26 +211,26 @@ def another_plate(serial: int) -> Act:
 
 
 def lower_force_limit(rig: Rig) -> None:
-    """Set a lateral limit that lies well within the range of the gauges."""
+    """Set a lateral limit well within the range of the gauges."""
     rig.write("Limit.Lateral force", 1000)
 
 
 def limit_amplitude(nm: int) -> Act:
-    """Make an act that sets the limit at which the vibration trips, in nm peak-to-peak.
+    """Return an act that sets the trip limit of the amplitude, in nm peak-to-peak.
 
-    100 nm is below what any mode but identification drives, 0.6 um and more. An identification has
-    to be limited below 1500 nm, where it ends by itself.
+    All modes but identification drive 0.6 um or more, so 100 nm trips. An identification has to be
+    limited below 1500 nm, where it ends by itself.
     """
     return lambda rig: rig.write("Limit.Amplitude trip", nm)
 
 
 def speak_as(can_id: int) -> Act:
-    """Send empty frames with an identifier of another node."""
+    """Return an act that sends an empty frame with another node's identifier in each cycle."""
     return lambda rig: rig.each_cycle.append(Frame(can_id))
 
 
 def offset_sometimes(sensor: int, value: int, off: int, period: int) -> Act:
-    """Make an act after which a sensor is off by a value in `off` of `period` cycles."""
+    """Return an act after which a sensor has an offset in `off` of every `period` cycles."""
     wrong, none = Fault(FaultKind.OFFSET, sensor, value), Fault(FaultKind.NONE, sensor, 0)
 
     def act(rig: Rig) -> None:
@@ -246,35 +246,35 @@ def offset_sometimes(sensor: int, value: int, off: int, period: int) -> Act:
 
 
 def fall_silent(rig: Rig) -> None:
-    """End the frames sent for another node, and wait until they are forgotten."""
+    """Stop sending with another node's identifier, and wait until the node counts as gone."""
     rig.each_cycle.clear()
     rig.cycle(GONE_AFTER_US // TICK_US)
 
 
 def send_setpoints(rig: Rig) -> None:
-    """Send set-points of the master in each cycle, with a deadline for them in the stimulator."""
+    """Send set-points in each cycle, and set a deadline for them at the stimulator."""
     timer = rig.od.entry(RPDO_COMMUNICATION + _SETPOINT_RPDO - 1, PDO_EVENT)
     rig.master.write(STIMULATOR_ID, timer, SETPOINT_DEADLINE_MS)
     rig.each_cycle.append(_SETPOINT_PDO)
 
 
 def skip_syncs(rig: Rig) -> None:
-    """Leave numbers out of the SYNC counter."""
+    """Skip numbers of the SYNC counter."""
     rig.master.sync_counter += 5
 
 
 def bus_off(rig: Rig) -> None:
-    """Take the CAN controller of the stimulator off the bus."""
+    """Set the CAN controller of the stimulator bus-off."""
     rig.bus.bus_off(rig.stimulator_port)
 
 
 def bus_recovered(rig: Rig) -> None:
-    """Put it on the bus again."""
+    """Recover the CAN controller of the stimulator from bus-off."""
     rig.bus.bus_recovered(rig.stimulator_port)
 
 
 def fill_queue(rig: Rig) -> None:
-    """Let the CAN controller of the stimulator take no frames for some cycles, then all."""
+    """Block the transmit queue of the stimulator for some cycles, then send all its frames."""
     rig.bus.clog(rig.stimulator_port, _FULL_CYCLES)
 
 
@@ -284,18 +284,18 @@ def boot_again(rig: Rig) -> None:
 
 
 def hear_plate(rig: Rig) -> None:
-    """Let no frames get lost, until a heartbeat of the plate has come."""
+    """End all frame faults, and wait for a heartbeat of the plate."""
     calm(rig)
     rig.cycle(PLATE_HEARTBEAT_MS + 1)
 
 
 def connect_hardware(rig: Rig) -> None:
-    """Connect hardware that watches the power stage."""
+    """Connect hardware that supervises the power stage."""
     rig.hardware = StageHardware(rig)
 
 
 def hardware(name: str, value: int) -> Act:
-    """Make an act that gives an attribute of that hardware another value."""
+    """Return an act that sets an attribute of that hardware."""
     return lambda rig: setattr(rig.hardware, name, value)
 
 
@@ -313,25 +313,25 @@ TRACKED: Final = (Mode.AMPLITUDE_RESONANCE, Mode.FRICTION, Mode.TEXTURE)
 REGULATED: Final = tuple(mode for mode in DRIVING if mode is not Mode.IDENTIFY)
 """Modes that do not end by themselves."""
 RING_DOWN_CYCLES: Final = 3
-"""Time constants of the plate, 1 ms each, until 5 % of its vibration is left."""
+"""Cycles until 5 % of the vibration is left: 3 time constants of the plate, 1 ms each."""
 _PICKUPS: Final = (PICKUP, PICKUP_D, PICKUP_Q)
 
 
 Shows = Callable[[Rig], bool]
-"""Whether a fault can be noticed in a cycle."""
+"""Function that returns whether a fault can be detected in a cycle."""
 
 
 def visible(volts: float = 20.0, up_to_N: float = inf) -> Shows:
-    """Return what tells whether a fault is sure to be noticed.
+    """Return a function that tells whether a fault is certain to be detected.
 
     Parameters
     ----------
     volts
-        Voltage of the stage from which it is. By default the lowest at which any plate vibrates
-        enough to be judged; below it, as where a friction loop pauses, a fault is delayed.
+        Least voltage of the stage. By default the lowest one at which every plate vibrates enough
+        for the check. Below it, as in a pause of a friction loop, the detection is delayed.
     up_to_N
-        Normal force in N up to which it is: a finger that presses harder may explain the fault by
-        what it damps, or by friction.
+        Largest normal force in N. The damping or the friction of a finger that presses harder may
+        explain the fault.
     """
     return lambda rig: rig.stage.si_value >= volts and rig.plate_block.plate.Fn <= up_to_N
 
@@ -343,49 +343,50 @@ class FaultCase(NamedTuple):
     bound: int
     """Cycles from the injection to the detection."""
     watchdog: Watchdog | None
-    """What trips first in the stimulator; None if nothing does, as it restarts or is paused."""
+    """Watchdog that trips first in the stimulator; None if none does, as it restarts or is
+    paused."""
     inject: Act
     remove: Act
     modes: tuple[Mode, ...] = DRIVING
     instead: Mapping[Mode, Watchdog] = MappingProxyType({})
-    """What trips before `watchdog` in some modes, whose loops answer a wrong reading otherwise."""
+    """Watchdogs that trip before `watchdog`, by mode, as their loops react differently."""
     prepare: Act | None = None
-    """What the fault needs before the run."""
+    """Act before the run that the fault requires."""
     plate_inside: bool = False
     forgets: bool = False
-    """Whether the stimulator starts anew, and so obeys the master again without a fault reset."""
+    """Whether the stimulator restarts, so that it obeys the master again without a fault reset."""
     deaf: bool = False
-    """Whether a node cannot hear or act, so that it may go on driving until its plate notices."""
+    """Whether a node cannot receive or act, so that it may drive until the plate detects it."""
     breaks_stage: bool = False
-    """Whether the power stage ignores what is asked for."""
+    """Whether the power stage ignores the commanded voltage."""
     breaks_controller: bool = False
     """Whether the controllers themselves are replaced."""
     cut_off: bool = False
-    """Whether what the stimulator says is lost with the bus."""
+    """Whether frames of the stimulator are lost with the bus."""
     shows: Shows | None = None
-    """Tells whether it can be noticed in a cycle; None if it can in each."""
+    """Function that tells whether the fault can be detected in a cycle; None if always."""
     adds_up: bool = True
-    """Whether cycles in which it shows add up, as in a leaky bucket; else they are in a row."""
+    """Whether such cycles add up, as in a leaky bucket; otherwise they must be in a row."""
     hides_vibration: bool = False
-    """Whether the pick-up is broken, so that the plate may vibrate too much until that is seen."""
+    """Whether the pick-up is faulty, so that the plate may vibrate too much until detection."""
 
     detunes: bool = False
-    """Whether it may lead a resonance loop astray, whose wrong phase then ends the run later."""
+    """Whether it may detune a resonance loop, whose wrong phase then ends the run later."""
     through_loop: bool = False
-    """Whether a controller that runs shapes its course, by what it makes of what it measures."""
+    """Whether its course depends on the response of a running controller."""
     predictive: bool = False
-    """Whether both laws are the predictive ones, and not those of the paper."""
+    """Whether both laws are the predictive ones instead of those of the paper."""
     why: str = ""
-    """Why another watchdog is first than the one of the name."""
+    """Reason why another watchdog trips first than the name suggests."""
     uncovered: str = ""
-    """Why no software can act, where none can; the bound then counts from where it goes on."""
+    """Reason why no software can act; the bound then counts from where the node resumes."""
 
     def trips(self, mode: Mode) -> Watchdog | None:
-        """Return what trips first in a mode."""
+        """Return the watchdog that trips first in a mode."""
         return self.instead.get(mode, self.watchdog)
 
     def way(self, mode: Mode) -> str:
-        """Name the way to drive: a mode, and the laws where they are not those of the paper."""
+        """Return the name of the way to drive: the mode, and `_predictive` for predictive laws."""
         return mode.name.lower() + ("_predictive" if self.predictive else "")
 
 
@@ -398,7 +399,7 @@ def broken(
     value: int = 0,
     **more: Any,
 ) -> FaultCase:
-    """Return the case of a fault of the simulated plate; the further ones are of `FaultCase`."""
+    """Return the case of a fault of the simulated plate; ``more`` are fields of `FaultCase`."""
 
     def inject(rig: Rig) -> None:
         rig.inject(kind, sensor, value)
@@ -409,19 +410,20 @@ def broken(
     )
 
 
-# A pick-up that has lost gain: what of it is seen, and what is not.
+# Losses of gain of the pick-up: those that are detected, and those that are not.
 
 
 _PER_MILLE: Final = 1000
 _NAMES: Final = {PICKUP: "pick-up", PICKUP_D: "pick-up d", PICKUP_Q: "pick-up q"}
 LACK_BOUND: Final = 2 * LACK_CYCLES + RING_DOWN_CYCLES
-"""A friction loop that pauses interrupts a lack, but not for longer."""
+"""Pauses of a friction loop interrupt a lack of vibration, but at most double its cycles."""
 _EXPLAINED_N: Final = 0.6
-"""Force in N above which a finger that damps much explains what one that damps little, under a
-pick-up at 0.4, shows."""
+"""Normal force in N above which strong damping by a finger explains the reading of a pick-up at 0.4
+under a finger that damps little."""
 _FIXED: Final = (Mode.OPEN_LOOP, Mode.AMPLITUDE)
 _BY_FRICTION: Final = (Mode.FRICTION,)
-"""Elsewhere half the gain is at the bound of what is seen: cycles beyond it add up in the end."""
+"""Mode of the case with half the gain. In other modes it is at the edge of detection: the cycles
+beyond the bound add up in the end."""
 
 
 def _weak(
@@ -438,7 +440,7 @@ def _weak(
 
 
 def _detuned(per_mille: int, instead: Mapping[Mode, Watchdog]) -> FaultCase:
-    """Return the loss of one axis whose wrong phase leads the resonance loop astray."""
+    """Return the loss of one axis whose wrong phase detunes the resonance loop."""
     return broken(
         f"pick-up d at {per_mille / _PER_MILLE:g}, tracked", RESONANCE_CYCLES + LACK_BOUND,
         Watchdog.RESONANCE, FaultKind.GAIN, PICKUP_D, per_mille,
@@ -470,24 +472,24 @@ NOT_SEEN: Final = (
     *(_weak(PICKUP_D, per_mille) for per_mille in (600, 700, 800, 900)),
     *(_weak(PICKUP_Q, per_mille) for per_mille in (50, 300, 600, 900)),
 )
-"""Losses that a finger of unknown damping explains as well, or that the vibration does not show:
-what is left when all is watched."""
+"""Losses of gain that no watchdog detects, because a finger of unknown damping explains them as
+well, or because the vibration does not show them."""
 
 
 MEASUREMENTS: Final = tuple(base + PLATE_ID for base in TPDO_IDS[:3])
 DRIVE: Final = RPDO_IDS[0] + PLATE_ID
 AT_ONCE: Final = 1
-"""Acted on where it is noticed, which is by the end of the cycle."""
+"""Bound of faults that are acted on in the cycle in which they are detected."""
 PDO_DEADLINE_MS: Final = SHORT_DEADLINE_MS
-"""Event timers of the drive at the plate, and of the measurements at the stimulator."""
+"""Event timers in ms of the drive at the plate, and of the measurements at the stimulator."""
 SYNC_IRREGULAR_CYCLES: Final = 2 * sync_window(PDO_DEADLINE_MS)
-"""The window in which the fault comes may end too early to tell; the next one is enough."""
+"""The window in which the fault begins may end too early to detect it; the next one does."""
 HUNTING_CYCLES: Final = SILENT_CYCLES
-"""A loop that answers a wrong pick-up lets its excess come and go, but not for longer."""
+"""While a loop reacts to a wrong pick-up, its excess comes and goes, but within this bound."""
 READ_BACK_BOUND: Final = READ_BACK_CYCLES + 2
-"""A reading may be a cycle old, and so may what it is compared with."""
+"""Both the reading and the voltage that it is compared with may be a cycle old."""
 FORCE_PATH_CYCLES: Final = 6
-"""What flexure and filter of 100 Hz take to show half of a sudden force, and a cycle."""
+"""Cycles until the flexure and the filter of 100 Hz show half of a sudden force, plus one."""
 
 
 _BEYOND: Final = "the end of the range, less the zero, is above the limit of the force in one cycle"
@@ -503,10 +505,11 @@ _LOOP: Final = (
 
 
 _NO_FRICTION_N: Final = 0.4
-"""Normal force in N up to which an error of 1.7 N at a lateral gauge cannot be friction.
+"""Normal force in N up to which an error of 1.7 N of a lateral gauge cannot be friction.
 
-A lateral force may be twice the normal force and 0.2 N: 1 N at 0.4 N. For the error to hide,
-friction would have to cancel 0.7 N of it, by a COF of 1.75; no simulated finger has that."""
+The watchdog accepts a lateral force of twice the normal force plus 0.2 N: 1 N at 0.4 N. To hide the
+error, friction would have to cancel 0.7 N of it, which needs a COF of 1.75; no simulated finger has
+this."""
 
 
 def _nmt(
@@ -522,12 +525,12 @@ def _nmt(
 
 
 def _disobeys(rig: Rig) -> bool:
-    """Whether the power stage puts out something else than it is told."""
+    """Return whether the power stage puts out another voltage than commanded."""
     return abs(rig.plate_block.commanded - rig.stage.si_value) > STAGE_TOLERANCE
 
 
 def _is_unanswered(rig: Rig) -> bool:
-    """Whether the measurement of this tick was refused; 1 corrupt one in 256 passes its check."""
+    """Return whether the measurement of this tick was refused; 1 in 256 corrupt ones is not."""
     plate = rig.plate_block
     return bool(plate.od["Drive.Tick"].value != plate.tick.value)
 
@@ -540,7 +543,7 @@ def _sensor(
     instead: Mapping[Mode, Watchdog] = MappingProxyType({}),
     why: str = "",
 ) -> list[FaultCase]:
-    """Return the ways in which any sensor fails; `instead` and `why` are of a dead one."""
+    """Return the failures that every sensor can have; `instead` and `why` are for a dead one."""
     beyond = "" if saturated is Watchdog.SATURATED else _BEYOND
     moved = {Mode.TEXTURE: Watchdog.PICKUP} if sensor == PICKUP_D else {}
     return [
@@ -567,7 +570,7 @@ CASES: Final[tuple[FaultCase, ...]] = (
     _nmt("NMT stop of the plate", NMTCommand.STOP, AT_ONCE, of_plate=True),
     _nmt("NMT reset of the plate", NMTCommand.RESET_NODE, AT_ONCE, of_plate=True),
     _nmt("NMT stop, plate inside", NMTCommand.STOP, AT_ONCE, inside=True),
-    # An identification is over before a heartbeat is missed.
+    # An identification ends before a heartbeat is late.
     FaultCase("heartbeat of the master lost", MASTER_LOST_MS, Watchdog.HEARTBEAT,
               put("heartbeat", False), put("heartbeat", True), REGULATED),
     FaultCase("heartbeat of the master lost, plate inside", MASTER_LOST_MS, Watchdog.HEARTBEAT,
@@ -719,7 +722,7 @@ TOLERATED: Final[tuple[FaultCase, ...]] = (
 )  # fmt: skip
 """Faults that must not end a run."""
 
-# Which rows the fault matrix has: each fault with each way to drive that it is injected in.
+# Rows of the fault matrix: each fault with each way to drive in which it is injected.
 
 
 Row = tuple[FaultCase, Mode]
@@ -728,12 +731,12 @@ _FIRST: Final[Mapping[str, tuple[Watchdog, str]]] = {
     "pick-up d at 0.1, tracked": (Watchdog.PICKUP, _HUNTS),
     "pick-up d at 0.2, tracked": (Watchdog.PICKUP, _HUNTS),
 }
-"""What trips first under the predictive laws, and why, where it is another one than under the
+"""Watchdog that trips first under the predictive laws, and why, if it differs from that under the
 paper's."""
 
 
 def _predicted(given: Sequence[FaultCase]) -> tuple[FaultCase, ...]:
-    """Return the cases whose course a controller shapes, in mode FRICTION under predictive laws."""
+    """Return the cases that depend on a controller, for mode FRICTION with predictive laws."""
     found = []
     for case in given:
         if not case.through_loop or Mode.FRICTION not in case.modes or case.plate_inside:
@@ -747,7 +750,7 @@ def _predicted(given: Sequence[FaultCase]) -> tuple[FaultCase, ...]:
 
 
 PREDICTED: Final = _predicted(CASES)
-"""Faults that act through the loop, under the predictive laws."""
+"""Faults whose course depends on a controller, with the predictive laws."""
 WAYS: Final = (*(mode.name.lower() for mode in DRIVING), PREDICTED[0].way(Mode.FRICTION))
 """Names of the ways to drive: the modes, and the predictive laws."""
 
@@ -757,28 +760,28 @@ def _rows(given: Sequence[FaultCase]) -> tuple[Row, ...]:
 
 
 _ADDS_UP: Final = frozenset({"pick-up at 0.5", "pick-up d at 0.5"})
-"""What predictive laws let be seen: half the gain is at the bound, and a turn, which brings the
-vibration to 0 under others, does not interrupt the cycles beyond it."""
+"""Losses of gain that are detected with predictive laws. Half the gain is at the edge of detection;
+with other laws the vibration drops to 0 in turns, which interrupts the cycles beyond the bound."""
 ALL_NOT_SEEN: Final = _rows(
     (*NOT_SEEN, *_predicted([case for case in NOT_SEEN if case.name not in _ADDS_UP]))
 )
-"""Every fault that is not seen, with every mode."""
+"""Every fault that is not detected, with every mode."""
 ALL_TOLERATED: Final = _rows((*TOLERATED, *_predicted(TOLERATED)))
 """Every fault that must not end a run, with every mode."""
 
 
 def cases(faults: Sequence[str] = (), ways: Sequence[str] = ()) -> list[Row]:
-    """Return every fault with every mode it is injected in.
+    """Return every fault with every mode in which it is injected.
 
     Parameters
     ----------
     faults, ways
-        Names of faults and of ways to drive, to keep; all if empty.
+        Names of the faults and of the ways to drive that are kept; all if empty.
 
     Raises
     ------
     ValueError
-        If there is no such fault, or it is injected in none of these ways.
+        There is no such fault, or it is not injected in any of these ways.
     """
     known = {case.name for case in CASES}
     for name in faults:

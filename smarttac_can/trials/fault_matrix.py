@@ -1,4 +1,4 @@
-"""The fault matrix: every fault in every mode that drives, and how soon the plate is at 0 V."""
+"""The fault matrix: inject every fault in every driving mode, and count the cycles until 0 V."""
 
 from __future__ import annotations
 
@@ -28,22 +28,22 @@ _GUARD_S = 1.0
 
 
 class SocketCanWire:
-    """Carries the frames of a `LocalBus` over an interface of SocketCAN, such as vcan0.
+    """Carry the frames of a `LocalBus` over a SocketCAN interface, such as vcan0.
 
-    The kernel hands each frame to all sockets before the next one is sent, so a run has the same
-    bits as without it. The sockets are used directly: python-can needs six times as long for a
-    frame where system calls are slow.
+    The kernel delivers each frame to all sockets before the next one is sent, so a run gives the
+    same bits as without the interface. The sockets are used directly, as python-can needs six times
+    as long for a frame where system calls are slow.
 
     Parameters
     ----------
     channel
-        Name of the interface, which has to be up.
+        Name of the interface, which must be up.
 
     Raises
     ------
     BusError
-        On entry, if there is no such interface; later, if it takes or brings no frame, or one that
-        somebody else sent.
+        On entry, if the interface does not exist. Later, if it does not accept or deliver a frame,
+        or delivers a frame of another sender.
     """
 
     def __init__(self, channel: str) -> None:
@@ -63,17 +63,17 @@ class SocketCanWire:
         self._sockets.clear()
 
     def connect(self, port: Connection) -> None:
-        """Open a socket for a party.
+        """Open a socket for a connection.
 
         Raises
         ------
         BusError
-            If the interface cannot be opened.
+            The interface cannot be opened.
         """
         self._sockets[port] = self._open()
 
     def disconnect(self, port: Connection) -> None:
-        """Close the socket of a party."""
+        """Close the socket of a connection."""
         self._sockets.pop(port).close()
 
     def put(self, port: Connection, frame: Frame) -> None:
@@ -82,7 +82,7 @@ class SocketCanWire:
         Raises
         ------
         BusError
-            If the interface does not take it.
+            The interface does not accept it.
         """
         self._sent = self._codec.encode(frame)
         self._frame = frame
@@ -92,12 +92,12 @@ class SocketCanWire:
             raise BusError(f"cannot send on {self._channel}: {error}") from error
 
     def get(self, port: Connection) -> Frame:
-        """Receive the frame that was put last, as it came over the interface.
+        """Receive the frame that was sent last.
 
         Raises
         ------
         BusError
-            If it does not come, or another frame does.
+            The frame does not arrive, or another one does.
         """
         party = self._sockets[port]
         try:
@@ -128,7 +128,7 @@ class SocketCanWire:
 
 @dataclass(frozen=True, slots=True)
 class FaultRow:
-    """What became of one fault in one mode."""
+    """Result of one fault in one mode."""
 
     fault: str
     mode: str
@@ -136,24 +136,24 @@ class FaultRow:
     """Voltage of the power stage in the cycle before the fault."""
     detection_bound_cycles: int
     cycles_to_zero: int | None
-    """Cycles from the fault to 0 V at the power stage; None if it was never reached."""
+    """Cycles from the fault to 0 V at the power stage; None if 0 V was not reached."""
     emcy_codes: tuple[str, ...]
-    """Codes of the emergency messages of both nodes until 50 cycles after the bound, each once."""
+    """Different codes of the emergency messages of both nodes until 50 cycles after the bound."""
     state_after: str
-    """State of the stimulator once the plate is at 0 V."""
+    """State of the stimulator when the plate is at 0 V."""
     cycles_at_zero: int
-    """Cycles at 0 V afterwards under traffic of the master."""
+    """Cycles at 0 V afterwards, during traffic of the master."""
     held: bool
-    """Whether these were as many as were asked for."""
+    """Whether the plate stayed at 0 V for all cycles."""
     recovered: bool
-    """Whether the run went on after cause and fault were cleared."""
+    """Whether the run continued after cause and fault were cleared."""
     injected_at_s: float
     """Time stamp of the fault in the log."""
     reached_um: float
-    """Largest vibration of the plate, from the fault until 0 V and 50 cycles."""
+    """Largest vibration of the plate in um, from the fault until 50 cycles after the bound."""
 
     covered: bool = True
-    """Whether software can act; if not, the cycles to 0 V count from where it goes on."""
+    """Whether software can act; if not, the cycles to 0 V count from where the node resumes."""
 
     @property
     def emcy_code(self) -> str | None:
@@ -162,7 +162,7 @@ class FaultRow:
 
     @property
     def passed(self) -> bool:
-        """Whether the fault ended in 0 V, in time if software can act, and for good until reset."""
+        """Whether the fault led to 0 V until the reset, and in time if software can act."""
         return (
             self.voltage_before_v > 0.0
             and self.cycles_to_zero is not None
@@ -173,22 +173,22 @@ class FaultRow:
 
 
 def rows_as_json(rows: Iterable[FaultRow]) -> list[dict[str, Any]]:
-    """Return rows as JSON has them."""
+    """Return the rows as JSON values."""
     return [asdict(row) | {"emcy_code": row.emcy_code} for row in rows]
 
 
 HOLD_CYCLES: Final = 10_000
-"""Cycles for which a plate has to stay at 0 V while the master does what it likes."""
+"""Cycles for which a plate has to stay at 0 V under any traffic of the master."""
 _LOGGED_CYCLES: Final = 50
 _UM_PER_M: Final = 1e6
 _RUN_UP: Final = {Mode.IDENTIFY: 440}
-"""Cycles of driving before the fault; an identification is then in its sweep."""
+"""Cycles of driving before the fault. An identification is then in its sweep."""
 _OTHER_RUN_UP: Final = 500
 _LATE: Final = 10
 _GO_ON: Final = 300
 _SETTLE: Final = 200
 _GONE_CYCLES: Final = PLATE_HEARTBEAT_MS + 1
-"""Cycles in which the stimulator sees that a cause is gone; longest is the plate's heartbeat."""
+"""Cycles in which the stimulator detects that a cause is gone; the heartbeat takes longest."""
 _SETPOINTS: Final = {
     "Setpoint.Voltage": 4000,
     "Setpoint.Frequency": 4_339_000,
@@ -217,7 +217,7 @@ class _Log:
 
 
 class _Peak:
-    """The largest vibration of a rig's plate, whatever its pick-up reads."""
+    """The largest true vibration of a rig's plate, which the pick-up may not read."""
 
     def __init__(self, rig: Rig) -> None:
         self.um = 0.0
@@ -236,26 +236,26 @@ def fault_matrix(
     jobs: int = 1,
     channel: str | None = None,
 ) -> Iterator[FaultRow]:
-    """Inject faults, each in a run of its own, and yield a row for each; always the same ones.
+    """Inject each fault in a run of its own, and yield its row; the rows are reproducible.
 
     Parameters
     ----------
     chosen
-        From `cases`.
+        Rows from `cases`.
     hold
-        Cycles for which the plate has to stay at 0 V under traffic of the master.
+        Cycles for which the plate has to stay at 0 V during traffic of the master.
     log
-        Called with a time stamp in us and the frame; left out are the way to the fault, and the
-        inner part of the hold.
+        Function that is called with each frame and its time stamp in us. Frames before the fault
+        and in the inner part of the hold are omitted.
     jobs
-        How many processes share the rows, 1 or more; with 1 there is none but this.
+        Number of processes that share the rows, 1 or more; with 1 only this process works.
     channel
-        SocketCAN interface that carries the frames, for 1 job; None keeps them in the process.
+        SocketCAN interface that carries the frames, for 1 job; None to keep them in the process.
 
     Raises
     ------
     BusError
-        If the interface cannot be had, or somebody else sends there.
+        The interface cannot be opened, or another sender uses it.
     """
     offset = 0
     for row, frames, end in _results(chosen, hold, jobs, channel):
@@ -278,7 +278,7 @@ def _results(chosen: Sequence[Row], hold: int, jobs: int, channel: str | None) -
 
 
 def _row_by_name(hold: int, row: tuple[str, bool, Mode]) -> _Result:
-    """Run a row in another process, which no case can be sent to: its acts are closures."""
+    """Run a row in another process, to which only the names can be sent: acts are closures."""
     name, predictive, mode = row
     return _row(_BY_NAME[name, predictive], mode, hold, None)
 
@@ -345,16 +345,16 @@ def driving_rig(
 
 
 def begin_run(rig: Rig, case: FaultCase, mode: Mode) -> None:
-    """Write set-points and laws, and begin a run that a mode may drive in."""
+    """Write set-points and laws, and start a run in which the mode may drive."""
     for name, raw in (_SETPOINTS | _PREDICTIVE if case.predictive else _SETPOINTS).items():
         rig.write(name, raw)
     rig.start_run(touch=mode is not Mode.IDENTIFY)
 
 
 def _cycles_to_zero(rig: Rig, bound: int) -> int | None:
-    """Count the cycles until the stage is at 0 V and stays there; None if it does not.
+    """Count the cycles until the stage stays at 0 V; None if it does not.
 
-    A loop may ask for 0 V in passing, so it is the last cycle with a voltage that counts.
+    A loop may ask for 0 V for a moment, so the last cycle with a voltage counts.
     """
     window = bound + _LOGGED_CYCLES
     last = 0
@@ -375,7 +375,7 @@ def _cycles_at_zero(rig: Rig, hold: int, traffic: MasterTraffic) -> int:
 
 
 def _recovers(rig: Rig, case: FaultCase, mode: Mode) -> bool:
-    """Tell whether the stimulator drives again when the cause is gone and the fault is reset."""
+    """Return whether the stimulator drives again after removal of the cause and fault reset."""
     case.remove(rig)
     rig.nmt(NMTCommand.START)
     try:
@@ -395,7 +395,7 @@ def _recovers(rig: Rig, case: FaultCase, mode: Mode) -> bool:
 
 
 def _await_none_present(rig: Rig) -> None:
-    """Wait, as the documents tell a master to, until no fault is present, or for too long."""
+    """Wait until no fault is present, as a master has to; give up after `_GONE_CYCLES`."""
     for _ in range(_GONE_CYCLES):
         if not rig.read("Diagnosis.Present"):
             return
@@ -403,7 +403,7 @@ def _await_none_present(rig: Rig) -> None:
 
 
 def tolerated(case: FaultCase, mode: Mode) -> bool:
-    """Tell whether a run goes on under a fault of `TOLERATED`."""
+    """Return whether a run continues under a fault of `TOLERATED`."""
     rig = driving_rig(case, mode)
     case.inject(rig)
     rig.cycle(_GO_ON if mode is not Mode.IDENTIFY else _LOGGED_CYCLES)
@@ -411,7 +411,7 @@ def tolerated(case: FaultCase, mode: Mode) -> bool:
 
 
 def reached_unseen(case: FaultCase, mode: Mode) -> float | None:
-    """Return the largest vibration in um under a fault of `NOT_SEEN`; None if it ends the run."""
+    """Return the largest vibration in um under a fault of `NOT_SEEN`; None if the run ends."""
     rig = driving_rig(case, mode)
     case.inject(rig)
     reached = _Peak(rig)

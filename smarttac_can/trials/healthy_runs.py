@@ -1,4 +1,4 @@
-"""Runs in which nothing fails, and which no watchdog may end: all that users may ask for."""
+"""Runs without a failure, which no watchdog may end, with any inputs that users may choose."""
 
 from __future__ import annotations
 
@@ -35,24 +35,25 @@ _DEAD_TIMES: Final = (0, 540, 999)
 _TARE_CYCLES: Final = TARE_SAMPLES + 6
 _IDENTIFY_CYCLES: Final = 2500
 _LEAST_COF, _MOST_COF = 500, 20000
-"""Bounds of a COF in 1e-4, those of the EDS."""
+"""Bounds of a COF in 1e-4, as in the EDS."""
 
 
 @dataclass(frozen=True, slots=True)
 class HealthyRun:
-    """What came of a run without a failure."""
+    """Result of a run without a failure."""
 
     seed: int
     what: str
-    """What was driven, for a reader."""
+    """Description of the inputs."""
     cycles: int
-    """Cycles that were driven."""
+    """Cycles of driving."""
     ended_by: str
     """Watchdogs that tripped, joined by +; empty if none did."""
     cause: str
-    """What the plate itself did for them to trip; empty if that was nothing: a false trip."""
+    """Cause of the trip in the true vibration of the plate; empty for none, which is a false
+    trip."""
     after: int
-    """Cycle of the drive in which they tripped; -1 for none."""
+    """Cycle of driving in which they tripped; -1 for none."""
     peak_um: float
     """Largest true amplitude in um peak-to-peak."""
     limited: int
@@ -60,12 +61,12 @@ class HealthyRun:
 
     @property
     def false(self) -> bool:
-        """Whether a watchdog tripped although the plate did nothing for that."""
+        """Whether a watchdog tripped without a cause at the plate."""
         return bool(self.ended_by) and not self.cause
 
 
 class _Finger:
-    """A finger that slides to and fro, and may lift and land again and again."""
+    """A finger that slides to and fro, and may lift and land repeatedly."""
 
     __slots__ = ("_force", "_lifted", "_lifts", "_omega", "_period", "_press", "_travel")
 
@@ -110,7 +111,7 @@ def _subject(draw: random.Random) -> Subject:
 
 
 def _texture(draw: random.Random) -> TextureTable:
-    """Draw a texture, of which many ask for more than any finger gives: all are legal."""
+    """Draw a legal texture; many ask for more than any finger can give."""
     count = draw.choice((2, 5, 20, 100))
     low = draw.choice((_LEAST_COF, draw.randrange(_LEAST_COF, 5000)))
     high = draw.choice((_MOST_COF, 6000, draw.randrange(low + 1, _MOST_COF)))
@@ -124,7 +125,7 @@ def _texture(draw: random.Random) -> TextureTable:
 
 
 class _Bench:
-    """A stimulator with the plate inside, for one run after the other."""
+    """A stimulator with the plate inside, used for one run after another."""
 
     def __init__(self) -> None:
         self.plate_block = PlateBlock(plate_od())
@@ -142,7 +143,7 @@ def _cycle(block: StimulatorBlock, count: int) -> None:
 
 
 def _try(block: StimulatorBlock, name: str, raw: int | bytes) -> None:
-    """Write what the stimulator may refuse, as a user's script would."""
+    """Write a value that the stimulator may refuse, as a user's script would."""
     try:
         block.write(name, raw)
     except Abort:
@@ -150,12 +151,12 @@ def _try(block: StimulatorBlock, name: str, raw: int | bytes) -> None:
 
 
 def healthy_run(seed: int) -> HealthyRun:
-    """Run without a failure, for one to two seconds.
+    """Run without a failure for one to two seconds.
 
     Parameters
     ----------
     seed
-        Of all that is drawn, 0 or more.
+        Seed of all random draws, 0 or more.
     """
     draw = random.Random(seed)
     bench = _bench()
@@ -182,7 +183,7 @@ def healthy_run(seed: int) -> HealthyRun:
     )  # fmt: skip
     identifies = not draw.randrange(4)
     if identifies:
-        # The finger waits: it is at rest as long as the run is that of the identification.
+        # There is no finger during the identification.
         backend.plate = Plate(
             PlateParameters(), SUBJECTS[0], _Still(), seed=seed, ambient=ambient,
             dead_time=dead_time * 1e-6,
@@ -201,7 +202,7 @@ def healthy_run(seed: int) -> HealthyRun:
 
 
 class _Still:
-    """No finger."""
+    """A lifted finger."""
 
     def at(self, time: float) -> FingerState:  # noqa: ARG002 - the same at all times
         """Return the lifted state."""
@@ -221,7 +222,7 @@ def _arm(block: StimulatorBlock, mode: Mode) -> None:
 
 
 def _driven(seed: int, draw: random.Random, bench: _Bench, what: str) -> HealthyRun:
-    """Drive with set-points that jump, and return what came of it."""
+    """Drive with set-points that jump, and return the result."""
     block, od, plate = bench.block, bench.od, bench.plate_block.plate
     low = od["Limit.Lowest frequency"].value
     high = od["Limit.Highest frequency"].value
@@ -283,7 +284,7 @@ def _driven(seed: int, draw: random.Random, bench: _Bench, what: str) -> Healthy
 
 
 def healthy_as_json(runs: list[HealthyRun]) -> dict[str, Any]:
-    """Return the runs as JSON has them, those that ended in a fault one by one."""
+    """Return the runs as JSON values; those that ended in a fault are listed."""
     ended = [asdict(run) | {"false": run.false} for run in runs if run.ended_by]
     return {
         "runs": len(runs),

@@ -1,4 +1,4 @@
-"""An attack: a hostile node on the bus of a driven pair, and a master that does its duty."""
+"""An attack: a hostile node on the bus of a driven pair, and a master that follows the rules."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ from smarttac_can.trials.rig import Rig
 from smarttac_can.vocabulary.states import Control, Law, Mode, State, VibrationLaw
 from smarttac_can.vocabulary.watchdogs import Watchdog, watchdogs_in
 
-# A master that does its duty: it drives the pair again and again, whatever others do.
+# A master that follows the rules: it drives the pair again and again, whatever other nodes do.
 
 
 REST_CYCLES: Final = 100
-"""Cycles at 0 V before a fault is reset, and between two looks at the pair."""
+"""Cycles at 0 V before a fault is reset, and between two attempts to reset."""
 _LOOK_CYCLES: Final = 10
 _FINGER_MN: Final = 500
 _NO_SETTING: Final = ("Simulation", "Fault", "AI auto-zero")
@@ -57,26 +57,26 @@ _DRAWN: Final = {
     "Friction law": (min(Law), max(Law)),
     "Controller.Vibration law": (min(VibrationLaw), max(VibrationLaw)),
 }
-"""What is drawn for each run, laws as well."""
+"""Objects whose values are drawn for each run, and their bounds; laws are among them."""
 
 
 class GoodMaster:
-    """Arms again after a disarm, and resets a fault when 0 V was held for 100 cycles.
+    """Arm again after a disarm, and reset a fault after 100 cycles at 0 V.
 
-    Before it arms it sees to it that both nodes are configured as they were at first: what somebody
-    has changed of the communication is put right by NMT reset communication, the rest by SDO.
+    Before it arms, it restores the initial configuration of both nodes: changed communication
+    objects by NMT reset communication, the others by SDO.
 
     Parameters
     ----------
     rig
-        Its pair, started.
+        Rig with the pair of nodes, started.
     draw
-        Of modes, laws and set-points.
+        Generator of modes, laws and set-points.
 
     Attributes
     ----------
     resets, arms, repairs
-        How many faults it has reset, how often it has armed, how many objects it has put right.
+        Number of faults reset, of times armed, and of objects restored.
     """
 
     def __init__(self, rig: Rig, draw: random.Random) -> None:
@@ -94,7 +94,7 @@ class GoodMaster:
         ]
 
     def act(self) -> None:
-        """Look at the pair after a cycle, and do what is due."""
+        """Check the pair after a cycle, and do what is due."""
         rig = self._rig
         self._at_zero = 0 if rig.stage.read() else self._at_zero + 1
         if rig.cycles % _LOOK_CYCLES:
@@ -111,17 +111,17 @@ class GoodMaster:
             elif not rig.od["Mode"].value:
                 rig.write("Mode", self._draw.choice(REGULATED))
         except Abort:
-            # Not ready yet, or somebody was faster: there is a next time.
+            # The node is not ready yet, or another node was faster; try again later.
             return
         except HeartbeatLostError:
             self.abort_transfers()
 
     def disarm(self) -> None:
-        """Let the next look configure both nodes and arm anew."""
+        """Disarm, so that the next `act` configures both nodes and arms again."""
         self._rig.write("Controlword", 0)
 
     def abort_transfers(self) -> None:
-        """End transfers that are left open: a block download takes all requests for segments."""
+        """Abort open transfers: an open block download takes every request as a segment."""
         for node_id, _ in self._nodes:
             self._rig.master.send(requests.abort(node_id, AbortCode.TIME_OUT))
 
@@ -135,10 +135,10 @@ class GoodMaster:
         self.arms += 1
 
     def _repair(self) -> None:
-        """Have both nodes OPERATIONAL and configured.
+        """Restore OPERATIONAL and the configuration of both nodes.
 
-        What can be put right is, also after a refusal: a weight on the plate may be why a node
-        refuses something.
+        After a refusal the other objects are still restored, as one of them may be the reason, such
+        as a weight on the plate.
 
         Raises
         ------
@@ -169,7 +169,7 @@ class GoodMaster:
 
 
 def _is_setting(entry: Entry) -> bool:
-    """Tell whether an entry configures a node; what RPDOs bring or a run draws does not."""
+    """Return whether an entry is configuration, and neither process data nor drawn for a run."""
     named = entry.name.partition(".")[0] in _NO_SETTING
     return (
         entry.access == "rw"
@@ -180,7 +180,7 @@ def _is_setting(entry: Entry) -> bool:
     )
 
 
-# A third node that sends anything to anybody, at random.
+# A third node that sends random frames to any node.
 
 
 CALM: Final = {
@@ -197,9 +197,10 @@ CALM: Final = {
     "SYNC": 8,
     "NMT or controlword": 10,
 }
-"""What is sent outside of bursts: how often, beside the others."""
+"""Kinds of frames outside of bursts, with their relative frequency."""
 OWN: Final = "identifier of the pair"
-"""What a burst sends: any frame with an identifier that only one of the two nodes sends with."""
+"""Kind of the frames of a burst: any frame with an identifier that only one of the two nodes
+uses."""
 
 _PAIR: Final = (STIMULATOR_ID, PLATE_ID)
 _OWN_IDS: Final = (
@@ -210,28 +211,28 @@ _COMMAND_IDS: Final = (NMT_ID, RPDO_IDS[0] + STIMULATOR_ID)
 _SDO_IDS: Final = tuple(SDO_RX_ID + node for node in _PAIR)
 _SETPOINT_IDS: Final = tuple(base + STIMULATOR_ID for base in RPDO_IDS[1:])
 _SPARED: Final = ("Simulation", "Fault", "Controlword")
-"""Records that no SDO writes; the controlword has its place among the commands."""
+"""Records that SDO does not write; controlwords are sent as commands."""
 _LAST_ID: Final = 0x7FF
 _LAST_EXTENDED_ID: Final = 0x1FFF_FFFF
 _NMT_COMMANDS: Final = tuple(c for c in NMTCommand if c is not NMTCommand.ENTER_PRE_OPERATIONAL)
 _CONTROLWORDS: Final = tuple(range(Control.ARM | Control.RUN | Control.QUICK_STOP | 1))
-"""None with the bit of the fault reset."""
+"""Controlwords without the bit of the fault reset."""
 
 
 class HostileNode:
-    """Sends frames at random, of every kind that there is.
+    """Send random frames of all kinds.
 
     Parameters
     ----------
     rig
-        Its pair of nodes is attacked.
+        Rig whose pair of nodes is attacked.
     draw
-        Of all that is sent.
+        Generator of all frames.
 
     Notes
     -----
-    It sends no 80h, neither as an NMT command nor as a controlword: pre-operational is the master's
-    to ask for, and so is the reset of a fault. It does not write to ``Simulation`` and ``Fault``,
+    It sends no 80h, neither as an NMT command nor as a controlword, because only the master may
+    command pre-operational and reset a fault. It does not write to ``Simulation`` and ``Fault``,
     which no real plate has.
     """
 
@@ -268,12 +269,12 @@ class HostileNode:
         self._calm = list(CALM), list(CALM.values())
 
     def act(self, *, own: bool) -> tuple[str, Frame]:
-        """Send a frame; tell what it was.
+        """Send a frame; return its kind and the frame.
 
         Parameters
         ----------
         own
-            Whether with an identifier that one of the pair sends with.
+            Whether to use an identifier of the pair.
         """
         kind = OWN if own else self._draw.choices(*self._calm)[0]
         frame = self._makers[kind]()
@@ -281,7 +282,7 @@ class HostileNode:
         return kind, frame
 
     def _bytes(self, length: int | None = None) -> bytes:
-        """Return random bytes, of a random length if none is given."""
+        """Return random bytes; without a length it is drawn, too."""
         return self._draw.randbytes(
             self._draw.randint(0, FRAME_BYTES) if length is None else length
         )
@@ -319,7 +320,7 @@ class HostileNode:
         return requests.download(node, entry, self._value(entry))
 
     def _value(self, entry: Entry) -> int | float:
-        """Draw a value that the entry takes, its limits and what it holds among them."""
+        """Draw a legal value of an entry: a limit, the present value, or any other."""
         draw = self._draw
         if not isinstance(entry.default, int):
             return draw.uniform(-1.0, 1.0)
@@ -327,13 +328,13 @@ class HostileNode:
         return draw.choice((low, high, int(entry.read()), draw.randint(low, high)))
 
     def _bad_sdo(self) -> Frame:
-        """Make a request that is none, or not the next one of a transfer."""
+        """Return an invalid request, or one that does not continue a transfer."""
         draw = self._draw
         can_id = draw.choice(_SDO_IDS)
         length = draw.choice((FRAME_BYTES, FRAME_BYTES, FRAME_BYTES, draw.randrange(FRAME_BYTES)))
         data = self._bytes(length)
         if length == FRAME_BYTES and draw.choice((False, True, True)):
-            # Any command with an object that is there: sizes, segments and blocks that do not fit.
+            # Any command with an existing object: sizes, segments and blocks that do not fit.
             _, entry = draw.choice(self._entries)
             address = entry.index.to_bytes(2, "little") + bytes((entry.subindex,))
             data = data[:1] + address + data[4:]
@@ -347,56 +348,57 @@ def _spared(entry: Entry) -> bool:
 
 
 VOLTAGE_MAX: Final = 150.0
-"""Stage voltage in V that is never passed: the limit, which nobody raises in a run."""
+"""Bound of the stage voltage in V: the limit, which is never raised in a run."""
 AMPLITUDE_MAX: Final = 7.5e-6
-"""Vibration in m peak-to-peak of the bare plate at that voltage: the most of the hazards' table."""
+"""Bound of the vibration in m peak-to-peak: that of the bare plate at this voltage, as in the table
+of hazards."""
 CYCLES_PER_ACTION: Final = 2.0
-"""Mean of the cycles from one action to the next."""
+"""Mean number of cycles from one action to the next."""
 ACTIONS_PER_BURST: Final = 12_500
-"""Actions for each burst with the pair's own identifiers, which bars both nodes for 3 s."""
+"""Actions for each burst with the pair's own identifiers, which inhibits both nodes for 3 s."""
 BURST_ACTIONS: Final = (1, 200)
 RUNNING_MIN: Final = 0.5
-"""Share of the cycles that are RUNNING, at least, in an attack of so many actions or more."""
+"""Least fraction of the cycles in RUNNING, in an attack of at least `ACTIONS_PER_BURST` actions."""
 _BACK_CYCLES: Final = 5000
-"""Cycles in which the pair drives again after the attack: 3 s without a double, and resets."""
+"""Cycles within which the pair drives again after the attack: 3 s after a burst, and resets."""
 _UM_PER_M: Final = 1e6
 
 
 @dataclass
 class HostileReport:
-    """What an attack did, and what did not hold."""
+    """Actions and results of an attack."""
 
     seed: int
     actions: dict[str, int] = field(default_factory=dict)
-    """How many frames of each kind were sent."""
+    """Number of frames sent, by kind."""
     cycles: int = 0
     running_share: float = 0.0
-    """Share of the cycles in RUNNING."""
+    """Fraction of the cycles in RUNNING."""
     running_share_alone: float = 0.0
-    """The same without the cycles in which the watchdog DOUBLE bars."""
+    """Fraction of the cycles in RUNNING, without those in which the watchdog DOUBLE inhibits."""
     driven_share: float = 0.0
-    """Share of the cycles with a voltage."""
+    """Fraction of the cycles with a voltage."""
     faults: dict[str, int] = field(default_factory=dict)
-    """How often each watchdog was the first to trip."""
+    """Number of times that each watchdog was the first to trip."""
     resets: int = 0
     arms: int = 0
     repairs: int = 0
-    """Objects that the master has put right."""
+    """Number of objects that the master has restored."""
     peak_um: float = 0.0
-    """Largest vibration of the plate itself, peak-to-peak, whatever its pick-up reads."""
+    """Largest true vibration of the plate in um peak-to-peak, which the pick-up may not read."""
     peak_v: float = 0.0
-    """Largest voltage of the stage."""
+    """Largest voltage of the stage in V."""
     violated: int = 0
     violations: list[str] = field(default_factory=list)
     wall_s: float = 0.0
 
     @property
     def passed(self) -> bool:
-        """Whether everything held."""
+        """Whether no invariant was violated."""
         return self.violated == 0
 
     def as_json(self) -> dict[str, Any]:
-        """Return the report as JSON has it."""
+        """Return the report as JSON values."""
         return asdict(self) | {"passed": self.passed}
 
 
@@ -406,11 +408,11 @@ class Hostile:
     Parameters
     ----------
     actions
-        Frames of the hostile node, 1 or more.
+        Number of frames of the hostile node, 1 or more.
     seed
-        Of everything.
+        Seed of all random draws.
     progress
-        Called with the share that is done, 0..1.
+        Function that is called with the fraction that is done, 0..1.
     """
 
     def __init__(
@@ -434,7 +436,7 @@ class Hostile:
         self._last = "nothing"
 
     def run(self) -> HostileReport:
-        """Let it all happen."""
+        """Run the attack and return its report."""
         start = perf_counter()
         rig, report = self._rig, self._report
         begin = rig.cycles
@@ -472,7 +474,7 @@ class Hostile:
                 self._progress((number + 1) / total)
 
     def _bursts(self) -> set[int]:
-        """Draw which actions have an identifier of the pair."""
+        """Draw which actions use an identifier of the pair."""
         draw, total = self._draw, self._actions
         count = max(1, total // ACTIONS_PER_BURST)
         starts = [draw.randrange(total) for _ in range(count)]
@@ -505,13 +507,13 @@ class Hostile:
         report.running_share = round(self._running / report.cycles, 4)
         alone = report.cycles - self._doubled
         report.running_share_alone = round(self._running / max(1, alone), 4)
-        # A short attack has its burst all the same, whose 3 s may be most of it.
+        # A short attack still has a burst, whose 3 s may be most of the cycles.
         if self._actions >= ACTIONS_PER_BURST and report.running_share < RUNNING_MIN:
             self._violate(f"running in {100 * report.running_share:.1f} % of the cycles only")
         report.driven_share = round(self._driven / report.cycles, 4)
 
     def _see_what_is_left(self) -> None:
-        """See that both nodes answer, and can be driven again by their master alone."""
+        """Check that both nodes answer, and that their master can drive them again."""
         rig = self._rig
         self._last = "nothing any more"
         rig.nmt(NMTCommand.START)
@@ -522,7 +524,7 @@ class Hostile:
             except (Abort, HeartbeatLostError) as error:
                 self._violate(f"node {node_id} is not alive: {error}")
                 return
-        # A limit that was lowered meanwhile, to 0 V perhaps, is put right before the master arms.
+        # The master restores a limit that was lowered meanwhile, perhaps to 0 V, before it arms.
         self._master.disarm()
         for _ in range(_BACK_CYCLES):
             rig.cycle()
@@ -536,5 +538,5 @@ class Hostile:
 
 
 def _text(frame: Frame) -> str:
-    """Return a frame as candump has it."""
+    """Return a frame in the notation of candump."""
     return f"{frame.can_id:03X}#{'R' if frame.rtr else frame.data.hex().upper()}"

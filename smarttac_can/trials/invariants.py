@@ -1,4 +1,4 @@
-"""What must hold in every cycle, and whether the plate gave a watch cause to trip."""
+"""Invariants of every cycle, and the check whether the plate gave cause for a trip."""
 
 from __future__ import annotations
 
@@ -18,35 +18,35 @@ from smarttac_can.vocabulary.states import State
 from smarttac_can.vocabulary.watchdogs import AMPLITUDE_CYCLES, FORGOTTEN, Watchdog
 
 AFTERGLOW_CYCLES: Final = 5
-"""Cycles that the vibration takes to die away."""
+"""Cycles until the vibration has decayed."""
 UNDRIVEN_CYCLES: Final = 5
-"""Cycles outside of RUNNING after which the power stage is at 0 V over the bus, too."""
+"""Cycles outside of RUNNING until the power stage is at 0 V, also over the bus."""
 _ENTRIES_PER_CYCLE: Final = 4
 _RUNNING: Final = State.RUNNING
 MOST_VIOLATIONS: Final = 20
-"""How many of them are kept."""
+"""Largest number of violations that are stored."""
 
 
 class Invariants:
-    """Checks of a rig with a plate node, to be called after every cycle.
+    """Check a rig with a plate node after every cycle.
 
     Parameters
     ----------
     rig
-        What is watched; over calls, not over the bus, so that nothing changes by being seen.
+        Rig to check. It is read by function calls, not over the bus, so the checks change nothing.
 
     Attributes
     ----------
     violations
-        What did not hold, a line each; no more than 20 are kept.
+        Violated invariants, a line each; no more than 20 are stored.
     violated
-        How many there were.
+        Number of all violations.
     stage_is_broken
-        Whether the power stage ignores what is asked for; its voltage is then not checked.
+        Whether the power stage ignores the commanded voltage; its voltage is then not checked.
     deaf
-        Whether a node cannot hear or act, so that it may go on driving until its plate notices.
+        Whether a node cannot receive or act, so that it may drive until the plate detects it.
     hidden_cycles
-        For how long a broken pick-up may hide that the plate vibrates too much.
+        Cycles for which a faulty pick-up may hide that the plate vibrates too much.
     """
 
     def __init__(self, rig: Rig) -> None:
@@ -75,7 +75,7 @@ class Invariants:
         self.hidden_cycles = 0
 
     def check(self) -> None:
-        """Check all that can be checked in one cycle."""
+        """Check a cycle; the ranges of objects are checked a few at a time."""
         rig = self._rig
         volts = rig.stage.si_value
         most = self._limit.si_value
@@ -88,7 +88,7 @@ class Invariants:
         W = abs(plate.W)
         if not isfinite(W + plate.temperature + plate.Ft + plate.Fn):
             self.violate("a state of the plate is not finite")
-        # Without ticks the simulated plate stands still, at 0 V, and does not ring down.
+        # Without ticks the simulated plate does not move, so its vibration does not decay at 0 V.
         tick, self._last_tick = self._last_tick, self._tick.value
         if self._last_tick != tick:
             self._high_for = self._high_for + 1 if self._trip.si_value < W else 0
@@ -107,14 +107,14 @@ class Invariants:
                 self.violate(f"{entry.name} is {value}, outside {entry.low}..{entry.high}")
 
     def clear_history(self) -> None:
-        """Begin to compare the error histories with the emergency messages anew."""
+        """Clear the error histories, and restart their comparison with the emergency messages."""
         rig = self._rig
         for node_id, od in ((STIMULATOR_ID, rig.od), (PLATE_ID, rig.plate_block.od)):
             rig.master.write(node_id, od.entry(ERROR_FIELD), 0)
         del rig.emergencies[:]
 
     def check_history(self) -> None:
-        """Compare the error histories with the messages since `clear_history`, place by place."""
+        """Compare the error histories with the messages since `clear_history`, entry by entry."""
         rig = self._rig
         for node_id, od in ((STIMULATOR_ID, rig.od), (PLATE_ID, rig.plate_block.od)):
             sent = [emcy.code for emcy in rig.emergencies if emcy.node_id == node_id and emcy.code]
@@ -124,14 +124,14 @@ class Invariants:
                 self.violate(f"node {node_id} sent {_hex(newest)}, its history is {_hex(kept)}")
 
     def violate(self, what: str) -> None:
-        """Note something that does not hold."""
+        """Record a violation."""
         self.violated += 1
         if len(self.violations) < MOST_VIOLATIONS:
             self.violations.append(f"cycle {self._rig.cycles}: {what}")
 
 
 def history(od: ObjectDictionary) -> list[Entry]:
-    """Return the used places of a node's error history, the newest first."""
+    """Return the used entries of a node's error history, the newest first."""
     places = od.objects[ERROR_FIELD].entries
     return [places[subindex] for subindex in range(1, places[0].value + 1)]
 
@@ -141,7 +141,7 @@ def _hex(codes: list[int]) -> str:
 
 
 _NOISE_M: Final = 10e-9
-"""What a pick-up may read too much, in m: ten times its noise."""
+"""Largest error of a pick-up in m: ten times its noise."""
 
 
 class Driven(Protocol):
@@ -149,21 +149,21 @@ class Driven(Protocol):
 
     plate_block: PlateBlock
     od: ObjectDictionary
-    """Of the stimulator."""
+    """Object dictionary of the stimulator."""
     cycles: int
-    """How many there were."""
+    """Number of cycles so far."""
 
 
 class TripCause:
-    """The last cycles in which the true vibration was too large, for its limit or its pick-up.
+    """Record the last cycles in which the true vibration exceeded its limit or the pick-up's range.
 
-    A watch trips after n faulty cycles in a row, or more that are spread: of the last 20 n cycles
-    at least n are faulty then.
+    A watchdog trips after n faulty cycles in a row, or after more of them with gaps: at least n of
+    the last 20 n cycles are then faulty.
 
     Parameters
     ----------
     rig
-        Its plate is looked at, not what its pick-up reads.
+        Rig whose true vibration is checked, not the reading of its pick-up.
     """
 
     def __init__(self, rig: Driven) -> None:
@@ -176,7 +176,7 @@ class TripCause:
         self._beyond: deque[int] = deque(maxlen=2)
 
     def look(self) -> None:
-        """Look at a cycle."""
+        """Check the vibration of a cycle."""
         W = self._block.plate.W
         trip = self._trip
         if abs(W) > trip.value * trip.si - _NOISE_M:
@@ -185,12 +185,12 @@ class TripCause:
                 self._beyond.append(self._rig.cycles)
 
     def of(self, latched: int) -> str | None:
-        """Return the cause of a trip in this cycle, None if one that is latched has none.
+        """Return the cause of a trip in this cycle; None if a latched watchdog has no cause.
 
         Parameters
         ----------
         latched
-            Watchdogs that have tripped, as bits.
+            Watchdogs that have tripped, as bits, 1 << `Watchdog`.
         """
         causes = {
             1 << Watchdog.AMPLITUDE: ("vibration above its limit", self._above),

@@ -1,4 +1,4 @@
-"""A test rig: two simulated nodes on a bus with faults, and their master, orderly or at random."""
+"""A test rig: two simulated nodes on a bus with faults, and their master, scripted or random."""
 
 from __future__ import annotations
 
@@ -49,31 +49,31 @@ from smarttac_can.vocabulary.textures import Axis, TextureTable
 MASTER_ID: Final = 1
 """Node-ID of the master."""
 HEARTBEAT_CYCLES: Final = 100
-"""Cycles between two heartbeats of the master, as of the bench and in the docs."""
+"""Cycles between two heartbeats of the master, as in the bench and the docs."""
 MASTER_LOST_MS: Final = 1000
-"""After how long without one the stimulator counts the master as lost, as the bench has it."""
+"""Consumer heartbeat time in ms for the master at the stimulator, as in the bench."""
 PLATE_HEARTBEAT_MS: Final = 500
-"""Time between two heartbeats of the plate, that of its EDS."""
+"""Heartbeat period in ms of the plate, as in its EDS."""
 PLATE_LOST_MS: Final = 2000
-"""After how long without one it counts as lost, as the stimulator does by default."""
+"""Consumer heartbeat time in ms for the plate, the default of the stimulator."""
 _STAGE: Final = TPDO_COMMUNICATION + 3
-"""TPDO 4: what the power stage does, be it of the plate node or of the plate inside."""
+"""TPDO 4, with the power stage of the plate node or of the plate inside."""
 TARE_CYCLES: Final = TARE_SAMPLES + 6
-"""Cycles without a finger that are enough for the tare, even if some are lost."""
+"""Cycles without a finger that suffice for the tare, even if some are lost."""
 _TEXTURE: Final = TextureTable(
     Axis.POSITION, repeats=True, start=0, step=100_000, values=(3000,) * 10 + (4000,) * 10
 )
-"""A square grating of 2 mm in the first slot, so that every mode may drive."""
+"""A square grating of 2 mm in the first slot, so that every mode can drive."""
 _PRESETS: Final[dict[str, int | bytes]] = {"Texture table.Table 1": _TEXTURE.pack()}
 _READY_CYCLES: Final = 5
-"""Cycles in which the stimulator sees that all is well."""
+"""Cycles in which the stimulator detects that no fault is left."""
 
 
 class Emcy(NamedTuple):
-    """An emergency message as seen on the bus."""
+    """An emergency message received from the bus."""
 
     cycle: int
-    """Cycle of the rig in which it came."""
+    """Cycle of the rig in which it was received."""
     node_id: int
     code: int
     register: int
@@ -81,44 +81,45 @@ class Emcy(NamedTuple):
 
 
 class Rig:
-    """Stimulator and plate in one process, with a master that can do without either.
+    """Stimulator and plate in one process, with a master.
 
-    Time passes by `cycle` alone: 1 ms for every node, then a SYNC.
+    Only `cycle` advances time: 1 ms for every node, then a SYNC.
 
     Parameters
     ----------
     plate_inside
         Whether the plate is inside the stimulator node.
     seed
-        Of all that goes wrong at random.
+        Seed of all random faults.
     log
-        Called with the time stamp in us and the frame, for every frame on the bus; with it TPDO 4
-        tells of the power stage in every cycle.
+        Function that is called with each frame on the bus and its time stamp in us. With it, TPDO 4
+        reports the power stage in every cycle.
     wire
-        Carries the frames; None keeps them in the process.
+        Carrier of the frames; None to keep them in the process.
 
     Attributes
     ----------
     master
-        Its requests go to either node.
+        Master, whose requests can go to either node.
     cycles
-        How many there were.
+        Number of cycles so far.
     emergencies
         All emergency messages, in order.
     stage
-        Voltage of the power stage, what the plate really gets, in 10 mV.
+        Object of the power stage's true voltage, in 10 mV.
     heartbeat
         Whether the master sends its heartbeat.
     syncs
-        How many SYNCs the master sends in a cycle, 1 unless the clock of the master is wrong.
+        SYNCs that the master sends in a cycle; 1 unless its clock is wrong.
     observe
-        Called after every cycle.
+        Function that is called after every cycle.
     each_cycle
-        Further frames that the master sends in every cycle.
+        Other frames that the master sends in every cycle.
     unsteady
-        Breaks and mends the simulated plate; called before every cycle until `mend`.
+        Function that breaks and repairs the simulated plate, called before every cycle until
+        `mend`.
     hardware
-        What watches the power stage, if anything does.
+        Hardware that supervises the power stage, if any.
     """
 
     def __init__(
@@ -162,7 +163,7 @@ class Rig:
         self.stage: Entry = self.plate_block.od["Stage.Voltage"]
 
     def cycle(self, count: int = 1) -> None:
-        """Let 1 ms pass, then send SYNC; so many times."""
+        """Advance time by 1 ms, then send SYNC; repeat this ``count`` times."""
         for _ in range(count):
             self.cycles += 1
             if self.unsteady is not None:
@@ -177,20 +178,20 @@ class Rig:
                 self.observe()
 
     def nmt(self, command: int, node_id: int = 0) -> None:
-        """Send an NMT command; node 0 stands for all."""
+        """Send an NMT command; node-ID 0 addresses all nodes."""
         self.master.send(requests.nmt(command, node_id))
 
     def read(self, name: str) -> int:
-        """Read a raw value of the stimulator, or of the simulation, by expedited SDO."""
+        """Read a raw value of the stimulator or the simulation by expedited SDO."""
         return int(self.master.read(*self._find(name)))
 
     def write(self, name: str, raw: int) -> None:
-        """Write a raw value to the stimulator, or the simulation, by expedited SDO."""
+        """Write a raw value to the stimulator or the simulation by expedited SDO."""
         self.master.write(*self._find(name), raw)
 
     @property
     def state(self) -> State:
-        """State of the stimulator, read directly and not over the bus."""
+        """State of the stimulator, read by a function call, not over the bus."""
         return self.stimulator.block.state
 
     def configure(self) -> None:
@@ -205,7 +206,7 @@ class Rig:
         self.cycle(HEARTBEAT_CYCLES + 1)
 
     def start_run(self, *, subject: int = 2, force_mN: int = 500, touch: bool = True) -> None:
-        """Begin a run, under a stroking finger or none, and tare it."""
+        """Start a run with or without a stroking finger, and tare it."""
         self.write("Simulation.Subject", subject)
         self.write("Finger.Force", force_mN)
         self.write("Finger.Motion", int(touch))
@@ -215,7 +216,7 @@ class Rig:
         self.cycle(_READY_CYCLES)
 
     def drive(self, mode: Mode) -> None:
-        """Choose a mode, arm, and run."""
+        """Set a mode, arm, and run."""
         self.write("Mode", mode)
         self.write("Controlword", Control.ARM)
         self.write("Controlword", Control.ARM | Control.RUN)
@@ -227,19 +228,19 @@ class Rig:
         self.write("Controlword", 0)
 
     def inject(self, kind: int, sensor: int = 1, value: int = 0, delay: int = 0) -> None:
-        """Break something of the simulated plate."""
+        """Inject a fault of the simulated plate."""
         self.write("Fault.Sensor", sensor)
         self.write("Fault.Value", value)
         self.write("Fault.Delay in cycles", delay)
         self.write("Fault.Kind", kind)
 
     def mend(self) -> None:
-        """Mend what was broken of the simulated plate."""
+        """Remove the fault of the simulated plate."""
         self.unsteady = None
         self.write("Fault.Kind", 0)
 
     def count_syncs(self) -> None:
-        """Have SYNC carry a counter from now on, which both nodes expect."""
+        """Enable the SYNC counter at the master and at both nodes."""
         for node_id, od in self._dictionaries():
             period = od.entry(SYNC_PERIOD)
             before = int(period.value)
@@ -271,7 +272,7 @@ class Rig:
 
 
 def _logged_plate_od() -> ObjectDictionary:
-    """Load the EDS of the plate; after every reset it tells of its stage in every cycle."""
+    """Load the EDS of the plate, with TPDO 4 enabled by default."""
     od = plate_od()
     cob_id = od.entry(_STAGE, PDO_COB_ID)
     cob_id.default = cob_id.value = cob_id.default & ~COB_INVALID
@@ -279,7 +280,7 @@ def _logged_plate_od() -> ObjectDictionary:
 
 
 def _logged_stimulator_od() -> ObjectDictionary:
-    """Load the EDS of the stimulator; with the plate inside it tells of the stage."""
+    """Load the EDS of the stimulator, with TPDO 4 sent in every cycle by default."""
     od = stimulator_od()
     transmission = od.entry(_STAGE, PDO_TRANSMISSION)
     transmission.default = transmission.value = EVENT_MANUFACTURER
@@ -290,21 +291,21 @@ _CAN_ID = RPDO_IDS[HARDWARE_RPDO - 1] + PLATE_ID
 
 
 class StageHardware:
-    """Simulated hardware that reads the power stage back at each SYNC, and tells the plate.
+    """Simulated hardware that reads the power stage back at each SYNC, and sends it to the plate.
 
     Parameters
     ----------
     rig
-        Its plate is told to listen.
+        Rig whose plate is configured to receive it.
 
     Attributes
     ----------
     enable
-        Whether it lets the stage drive, 0 or 1.
+        Whether it enables the stage, 0 or 1.
     excess
-        What it reads more than there is, in 10 mV.
+        Error of the read-back in 10 mV.
     speaks
-        Whether it says anything.
+        Whether it sends.
     """
 
     def __init__(self, rig: Rig) -> None:
@@ -323,7 +324,7 @@ class StageHardware:
             self._port.send(Frame(_CAN_ID, pack("<BH", self.enable, reading)))
 
 
-# Ends of the shares of a draw from 0 to 1; above the last one the master does nothing.
+# Cumulated probabilities of a draw from 0 to 1; above the last one the master does nothing.
 _READ: Final = 0.10
 _SET_POINT: Final = 0.18
 _MODE: Final = 0.22
@@ -333,14 +334,16 @@ _DELAY: Final = 0.32
 
 
 class MasterTraffic:
-    """What a master may do at any time without resetting a fault: reads, writes, commands, RPDOs.
+    """Random traffic that a master may send at any time without a fault reset.
+
+    It reads and writes objects, and sends commands and RPDOs.
 
     Parameters
     ----------
     rig
-        Its nodes get it.
+        Rig whose nodes receive it.
     seed
-        Of what is sent.
+        Seed of the traffic.
     commands
         Whether it also arms, runs and stops.
     """
@@ -356,7 +359,7 @@ class MasterTraffic:
         ]
 
     def send(self) -> None:
-        """Send something, or nothing; refusals and silence are the node's good right."""
+        """Send a request, or nothing; a node may refuse it or not answer."""
         draw = self._random
         choice = draw.random()
         rig = self._rig

@@ -1,13 +1,14 @@
-"""A sweep of sensor failures: what each one does to the plate before something ends it.
+"""A sweep of sensor failures: the effect of each one on the plate until something ends the run.
 
-One sensor fails in each cell of the sweep, in one of the ways of `FAILURES`, while the stimulator
-drives the simulated plate inside: no bus, lockstep. The stimulator is a black box here. What counts
-is the true vibration of the plate, not what its pick-up reads. `PROMISES` says how far that may go.
+In each cell of the sweep one sensor fails in one of the ways of `FAILURES`, while the stimulator
+drives the simulated plate inside it, in lockstep and without a bus. The stimulator is a black box
+here. The results are about the true vibration of the plate, not the reading of its pick-up;
+`PROMISES` gives its bounds.
 
-A cell is run from rest: tare without a finger, arm, drive, and let the sensor fail at its onset.
-An identification comes before that where the cell asks for one: with the sensor failed already, or
-with all sensors sound, on a device that stores the model and the zeros and is powered on again. Of
-the cell before, a device keeps nothing.
+A cell starts from rest: tare without a finger, arm, drive, and let the sensor fail at its onset.
+Some cells begin with an identification. Either the sensor has failed already during it; or all
+sensors are sound, and a device stores the model and the zeros and is powered on again. A device
+keeps nothing from the cell before.
 """
 
 from __future__ import annotations
@@ -40,48 +41,49 @@ from smarttac_can.vocabulary.states import Control, Law, Mode, State, Status, Vi
 from smarttac_can.vocabulary.textures import Axis, TextureTable
 from smarttac_can.vocabulary.watchdogs import watchdogs_in
 
-# --- What is promised --------------------------------------------------------------------------
+# --- Promises ----------------------------------------------------------------------------------
 
 
 class Promise(NamedTuple):
-    """What holds for the true vibration while one sensor fails."""
+    """Bounds of the true vibration while one sensor fails."""
 
     bare_um: float = 3.27
     """Bound without contact in um peak-to-peak: the range of the pick-up."""
     touched_um: float = 5.0
-    """Bound with contact."""
+    """Bound with contact in um peak-to-peak."""
     contact_N: float = 0.1
-    """Normal force from which the gauges show a contact."""
+    """Normal force in N from which on the gauges show a contact."""
     model_share: float = 0.99
-    """What an identified gain may be of the true one: its stated uncertainty of 1 %. The bound
-    without contact is higher by the inverse."""
+    """Least ratio of an identified gain to the true one, from its uncertainty of 1 %. The bound
+    without contact is divided by it."""
     lowest_gain: float = 0.9
-    """Lowest share of the data sheet's gain that an identification is believed at. Without an
-    identification, or with one of a pick-up that had failed before, it stands for the one above."""
+    """Least ratio of an identified gain to that of the data sheet that is accepted. It replaces
+    `model_share` without an identification, or if the pick-up had failed before."""
     cycles: int = 20
-    """Cycles above the bound, in total."""
+    """Largest number of cycles above the bound, in total."""
     gauge_lag: int = 7
-    """Cycles more where a finger lands or lifts: the flexure and filter of the gauges."""
+    """Additional cycles if a finger lands or lifts, for the flexure and filter of the gauges."""
     energy_J: float = 0.2
-    """Energy lost in the plate in the cycles above the bound."""
+    """Largest energy dissipated in the plate in the cycles above the bound."""
 
 
 PROMISES: Final = Promise()
 
 
-# --- How a sensor fails ------------------------------------------------------------------------
+# --- Failures of a sensor ----------------------------------------------------------------------
 
 PICKUP_SENSORS: Final = ("d", "q", "both")
 GAUGE_SENSORS: Final = ("S1", "S2", "S3", "S4", "S5", "S6")
 THERMOMETER: Final = "T"
 SENSORS: Final = (*PICKUP_SENSORS, *GAUGE_SENSORS, THERMOMETER)
 KINDS: Final = ("gain", "offset", "stuck", "noise", "delayed", "swapped")
-"""Units of a size: gain 1; offset, noise (standard deviation) and stuck (noise on it) converter
-counts of 0.1 nm, 0.1 mN or 10 mK; delayed cycles."""
+"""Kinds of failure. The size of a gain is a factor. The size of offset, noise (standard deviation)
+and stuck (noise on the held value) is in converter counts of 0.1 nm, 0.1 mN or 10 mK. The size of
+delayed is in cycles."""
 
 
 class Failure(NamedTuple):
-    """How a sensor fails: in the first `on` of each `of` cycles."""
+    """Failure of a sensor in the first `on` of every `of` cycles."""
 
     sensor: str
     kind: str
@@ -95,7 +97,7 @@ class Failure(NamedTuple):
 
     @property
     def name(self) -> str:
-        """What the rows of a summary are."""
+        """Name of the row of a summary."""
         sensor = {"T": "thermometer"}.get(self.sensor, self.sensor)
         if self.sensor in PICKUP_SENSORS:
             sensor = f"pick-up {self.sensor}"
@@ -115,12 +117,12 @@ _FAILURE: Final = re.compile(
 
 
 def parse_failure(text: str) -> Failure:
-    """Return the failure that its `str` names.
+    """Return the failure whose `str` is the text.
 
     Raises
     ------
     ValueError
-        If there is no such failure.
+        The text is no failure.
     """
     found = _FAILURE.fullmatch(text)
     if found is None:
@@ -135,7 +137,7 @@ _SOMETIMES: Final = ((4, 5), (1, 2), (1, 5))
 
 
 def failures(gains: Sequence[float] = GAINS) -> list[Failure]:
-    """Return all ways in which a sensor fails, with these gains."""
+    """Return all failures of sensors, with these gains."""
     found = [Failure(axis, "gain", gain) for axis in PICKUP_SENSORS for gain in gains]
     for axis in ("d", "q"):
         found += [Failure(axis, "offset", size) for size in (-10000, -500, 500, 10000)]
@@ -166,16 +168,16 @@ _PLATE: Final = ResonatorParameters()
 class FailingSensors:
     """The sensors of a plate, one of which fails from a tick on.
 
-    A gain of the pick-up is lost before its converter, everything else happens to its counts.
+    A gain of the pick-up applies before its converter, every other failure to the converter counts.
 
     Parameters
     ----------
     failure
-        Which, and how.
+        Sensor that fails, and how.
     onset
-        The first tick in which it fails.
+        First tick in which it fails.
     seed
-        Of the noise, also of that which a failure adds.
+        Seed of the noise that a failure adds.
     """
 
     __slots__ = ("_draw", "_failure", "_held", "_onset", "_past")
@@ -190,14 +192,14 @@ class FailingSensors:
         )
 
     def gains(self, tick: int) -> tuple[float, float]:
-        """Return the gains of the axes of the pick-up, before their converters, at a tick."""
+        """Return the gains of both axes of the pick-up, before their converters, at a tick."""
         sensor, _, size, _, _ = self._failure
         if not (self._weakens and self._fails(tick)):
             return SOUND
         return (1.0 if sensor == "q" else size, 1.0 if sensor == "d" else size)
 
     def measure(self, tick: int, sound: Measurement) -> Measurement:
-        """Return what the sensors report at a tick; to be called once for each tick in turn."""
+        """Return the measurement at a tick; call it once for each tick, in order."""
         sensor, kind, _, _, _ = self._failure
         if kind == "delayed":
             self._past.append(sound)
@@ -235,7 +237,7 @@ class FailingSensors:
         return since >= 0 and since % self._failure.of < self._failure.on
 
     def _count(self, sensor: str, si: float, step: float) -> tuple[int, bool]:
-        """Return what a failed sensor counts, and whether that is the end of its range."""
+        """Return the count of a failed sensor, and whether it is at the end of the range."""
         kind, size = self._failure.kind, self._failure.size
         count = si / step
         if kind == "gain":
@@ -261,33 +263,33 @@ class FailingSensors:
 # --- A cell ------------------------------------------------------------------------------------
 
 LEAST_DAMPING, MOST_DAMPING = 5.0, 14.0
-"""Damping in N s/m that a finger of 0.5 N adds, of all fingertips of the simulation."""
+"""Least and largest damping in N s/m that a finger of 0.5 N adds, of all simulated fingertips."""
 MOTIONS: Final = ("none", "holding", "landing", "lifting")
 ONSETS: Final = ("before", "steady", "step")
 IDENTIFIED: Final = ("no", "sound", "failed")
-"""Whether the plate was identified; `failed`: while the sensor had failed already."""
+"""Whether the plate was identified; `failed`: with the sensor already failed."""
 DRIVING: Final = tuple(mode for mode in Mode if mode is not Mode.OFF)
 TUNED: Final = (Mode.OPEN_LOOP, Mode.AMPLITUDE)
-"""Modes that keep the frequency of the set-point."""
+"""Modes with the frequency of the set-point."""
 BY_FRICTION: Final = (Mode.FRICTION, Mode.TEXTURE)
 
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """A run of the sweep."""
+    """One run of the sweep."""
 
     failure: str = "d:gain:0.05"
     onset: str = "steady"
     mode: str = "AMPLITUDE"
     law: str = "PI"
-    """Vibration law."""
+    """Name of the vibration law."""
     friction: str = "MEASURED"
-    """Friction law."""
+    """Name of the friction law."""
     detuning: float = 0.0
-    """Frequency of the set-point over the resonance at 20 degC, in Hz."""
+    """Frequency of the set-point minus the resonance at 20 degC, in Hz."""
     setpoint: float = 3.0
-    """Amplitude in um; in open loop the voltage that makes it at the resonance; in friction modes
-    that without a finger."""
+    """Amplitude in um. In open loop the set-point is the voltage that makes this amplitude at the
+    resonance; in friction modes it is the amplitude without a finger."""
     cof: float = 0.3
     """Lower reference of the COF; the upper one is 0.1 more."""
     motion: str = "none"
@@ -299,9 +301,9 @@ class Cell:
     """Time from the tick until a drive is in force, in us."""
     identified: str = "no"
     ambient: float = 20.0
-    """Temperature of plate and surroundings in degC."""
+    """Temperature of plate and environment in degC."""
     cycles: int = 300
-    """Cycles from the onset on."""
+    """Number of cycles after the onset."""
     seed: int = 1
 
     def __str__(self) -> str:
@@ -314,12 +316,12 @@ class Cell:
 
 
 def parse_cell(text: str) -> Cell:
-    """Return the cell that its `str` names: NAME=VALUE, separated by commas.
+    """Return the cell whose `str` is the text: NAME=VALUE, separated by commas.
 
     Raises
     ------
     ValueError
-        If there is no such cell.
+        The text is no cell.
     """
     chosen: dict[str, Any] = {}
     kinds: dict[str, Callable[[str], Any]] = {
@@ -350,44 +352,44 @@ def parse_cell(text: str) -> Cell:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What a cell has come to."""
+    """Result of a cell."""
 
     cell: str
     failure: str
     """Name of the failure mode."""
     ended_by: str
-    """The first watchdogs that tripped, joined by +; empty if nothing ended the run."""
+    """Watchdogs that tripped first, joined by +; empty if nothing ended the run."""
     after: int
-    """Cycles from the onset, or from the first drive if that is later, until the fault; below 0 for
-    one before that, 0 with nothing that ended it."""
+    """Cycles until the fault, from the onset or from the first drive, whichever is later. Below 0
+    for a fault before that, 0 without a fault."""
     peak_um: float
     """Largest true amplitude in um peak-to-peak."""
     in_a_row: int
-    """Cycles with a true amplitude above the bound, in a row."""
+    """Most cycles in a row with a true amplitude above the bound."""
     above: int
-    """The same in total."""
+    """Number of all cycles with a true amplitude above the bound."""
     energy_J: float
-    """Energy lost in the plate in those cycles."""
+    """Energy dissipated in the plate in these cycles."""
     limited: int
     """Cycles with the status bit LIMITED."""
     cof_error: float
-    """Mean of the true error of the COF under a sliding finger, from the onset on."""
+    """Mean true error of the COF under a sliding finger, from the onset on."""
     violation: str = ""
-    """Which promise it breaks."""
+    """Promise that the cell breaks, and how; empty for none."""
 
 
 _TARE_CYCLES: Final = TARE_SAMPLES + 6
 _FIRST_DRIVE: Final = _TARE_CYCLES + 4
 _STEADY: Final = _FIRST_DRIVE + 120
 NOT_ARMED: Final = "not armed"
-"""What ended a cell that never drove: the failure was seen before."""
+"""End of a cell that never drove, as the failure was detected before."""
 _RING: Final = 10
-"""Cycles after the end of a run in which the plate still rings."""
+"""Cycles after the end of a run in which the plate still vibrates."""
 _IDENTIFY_CYCLES: Final = 2500
 _PRESS: Final = 20e-3
 _LIFT: Final = 5e-3
 _LOW: Final = 0.2
-"""Set-point before a step over that after it."""
+"""Set-point before a step, as a fraction of that after it."""
 _STROKE, _OMEGA = 12e-3, 2.0 * pi * 0.8
 _SLIDING: Final = 0.5
 
@@ -399,7 +401,7 @@ class CellFinger:
     ----------
     force
         Normal force in N.
-    lands, lifts
+    Times in s at which the finger lands and lifts; None for never.
         Times in s; None for never.
     """
 
@@ -428,18 +430,18 @@ def _subject(damping: float) -> Subject:
 
 
 _STORED: Final = (MODEL, GAUGE_ZERO)
-"""Records that hold what an identification, and the tare before it, store."""
+"""Records that an identification, and the tare before it, store."""
 
 
 class _Bench:
-    """A stimulator with a plate inside that is used for one cell after the other."""
+    """A stimulator with the plate inside, used for one cell after another."""
 
     def __init__(self) -> None:
         self.plate = PlateBlock(plate_od())
         self.block = StimulatorBlock(stimulator_od(), self.plate)
 
     def power_on(self, stored: Mapping[str, Any]) -> None:
-        """Begin as a device that has stored these values by name, and nothing else."""
+        """Start as a device that has stored only these values, by name."""
         od = self.block.od
         od.reset()
         for name, value in stored.items():
@@ -447,7 +449,7 @@ class _Bench:
         self.block.power_on()
 
     def stored(self) -> dict[str, Any]:
-        """Return what the identification in force would leave in the storage."""
+        """Return the values that the present identification would store."""
         od = self.block.od
         return {
             entry.name: entry.value
@@ -456,7 +458,7 @@ class _Bench:
         }
 
     def begin(self, cell: Cell, finger: CellFinger, failure: Failure, onset: int) -> None:
-        """Begin a run, tare without a finger, and arm."""
+        """Start a run, and tare without a finger."""
         block = self.block
         write = block.write
         low = round(cell.cof * 1e4)
@@ -492,7 +494,7 @@ class _Bench:
             block.tick()
 
     def end(self) -> None:
-        """Disarm, and reset a fault once nothing fails."""
+        """Disarm, and reset a fault without a failing sensor."""
         block = self.block
         block.write("Controlword", 0)
         if block.state is State.FAULT:
@@ -511,14 +513,14 @@ class _Bench:
         return True
 
     def set(self, cell: Cell, share: float) -> None:
-        """Ask for a share of the set-point."""
+        """Write a fraction of the set-point of the cell."""
         write = self.block.write
         um = cell.setpoint * share
         write("Setpoint.Amplitude", round(um * 1e3))
         write("Setpoint.Voltage", min(round(um * 1e-6 / _PLATE.gain * 100.0), 20000))
 
     def identify(self, cell: Cell, failure: Failure, onset: int) -> None:
-        """Identify the plate without a finger; what comes of it stays in force."""
+        """Identify the plate without a finger; the result stays in force."""
         self.begin(cell, _LIFTED, failure, onset)
         self.block.write("Mode", Mode.IDENTIFY)
         if self.arm():
@@ -539,7 +541,7 @@ def _bench() -> _Bench:
 
 @cache
 def _identification(dead_time: int) -> dict[str, Any]:
-    """Return what is stored of a plate that was identified with all sensors sound."""
+    """Return the stored values of a plate that was identified with sound sensors."""
     bench = _bench()
     bench.power_on({})
     sound = Cell(dead_time=dead_time)
@@ -548,14 +550,14 @@ def _identification(dead_time: int) -> dict[str, Any]:
 
 
 def run_cell(cell: Cell, promise: Promise = PROMISES) -> Result:
-    """Run a cell.
+    """Run a cell and return its result.
 
     Parameters
     ----------
     cell
-        What to run.
+        Cell to run.
     promise
-        What it is held against.
+        Bounds with which the result is compared.
     """
     failure = parse_failure(cell.failure)
     mode = Mode[cell.mode]
@@ -591,11 +593,11 @@ class _Meter:
     Parameters
     ----------
     plate
-        Whose they are.
+        Plate whose vibration is measured.
     bare, touched
         Bounds of the amplitude in m without and with contact.
     contact
-        Normal force in N from which there is contact.
+        Normal force in N from which on there is contact.
     """
 
     def __init__(self, plate: Plate, bare: float, touched: float, contact: float) -> None:
@@ -605,7 +607,7 @@ class _Meter:
         self.above = self._row = self.in_a_row = 0
 
     def look(self) -> None:
-        """Look at a cycle."""
+        """Update the figures after a cycle."""
         plate = self._plate
         W = abs(plate.W)
         self.peak = max(self.peak, W)
@@ -619,7 +621,7 @@ class _Meter:
 
     @property
     def energy(self) -> float:
-        """Energy in J that the bare plate loses in the cycles above the bound."""
+        """Energy in J that the bare plate dissipates in the cycles above the bound."""
         velocity = pi * _PLATE.f0
         return 0.5 * _PLATE.damping * velocity * velocity * self._square * TICK
 
@@ -627,9 +629,9 @@ class _Meter:
 def _watched(
     cell: Cell, failure: Failure, bench: _Bench, ticks: tuple[int, int], promise: Promise
 ) -> Result:
-    """Drive, and keep the figures of the plate.
+    """Drive, and return the result.
 
-    The ticks are that from which the sensor fails, and that from which cycles are counted.
+    ``ticks`` are the tick from which the sensor fails, and the tick from which cycles count.
     """
     onset, reference = ticks
     block, tick = bench.block, bench.block.tick
@@ -677,7 +679,7 @@ def _slides(plate: Plate, contact: float) -> bool:
 
 
 def broken_promise(cell: Cell, result: Result, promise: Promise = PROMISES) -> str:
-    """Return which promise a cell breaks; empty for none."""
+    """Return the promise that a cell breaks, and how; empty for none."""
     most = promise.cycles
     if cell.motion in ("landing", "lifting"):
         most += promise.gauge_lag
@@ -690,16 +692,16 @@ def broken_promise(cell: Cell, result: Result, promise: Promise = PROMISES) -> s
     return ""
 
 
-# --- Which cells -------------------------------------------------------------------------------
+# --- Choice of cells ---------------------------------------------------------------------------
 
 _DETUNINGS: Final = (0.0, -90.0, 90.0, -300.0, 300.0, -690.0, 610.0)
-"""In Hz; the last two are the ends of the range."""
+"""Detuning in Hz; the last two are the ends of the frequency range."""
 _FORCES: Final = (0.05, 0.2, 0.5, 1.0, 2.0)
 _DEAD_TIMES: Final = (0, 540, 999)
 
 
 def _drawn(draw: random.Random, failure: Failure, mode: Mode, cycles: int, *, grid: bool) -> Cell:
-    """Draw all of a cell but its failure and its mode."""
+    """Draw all fields of a cell except failure and mode."""
 
     def number(choices: Sequence[float], low: float, high: float) -> float:
         return draw.choice(choices) if grid else round(draw.uniform(low, high), 3)
@@ -707,7 +709,7 @@ def _drawn(draw: random.Random, failure: Failure, mode: Mode, cycles: int, *, gr
     motion = draw.choice(MOTIONS if mode is not Mode.IDENTIFY else ("none", "none", "landing"))
     if mode in BY_FRICTION and motion == "none" and draw.randrange(4):
         motion = "holding"
-    # The frequency of the set-point matters little where the resonance is tracked.
+    # Where the resonance is tracked, the frequency of the set-point has little effect.
     detuned = mode in TUNED or not draw.randrange(3)
     return Cell(
         failure=str(failure),
@@ -730,18 +732,18 @@ def _drawn(draw: random.Random, failure: Failure, mode: Mode, cycles: int, *, gr
 
 
 _OF_PICKUP: Final = 2
-"""Cells for each of the failures of the pick-up in a mode, for one of the others."""
+"""Cells for each failure of the pick-up in a mode; every other failure has one."""
 
 
 def grid_cells(seed: int, *, fine: bool = False) -> list[Cell]:
-    """Return the cells of the grid: each failure meets each mode.
+    """Return the cells of the grid, with every failure in every mode.
 
     Parameters
     ----------
     seed
-        Of the draw of all other factors from their grids.
+        Seed with which all other factors are drawn from their grids.
     fine
-        Whether there are more gains and, for each failure in a mode, more cells.
+        Whether to use more gains, and more cells for each failure in a mode.
     """
     draw = random.Random(seed)
     cells = []
@@ -763,9 +765,9 @@ def random_cells(count: int, seed: int) -> list[Cell]:
     Parameters
     ----------
     count
-        How many; the first of them do not depend on it.
+        Number of cells; a larger number adds cells at the end.
     seed
-        Of all of them.
+        Seed of all draws.
     """
     draw = random.Random(seed)
     return [_random_cell(draw) for _ in range(count)]
@@ -785,24 +787,24 @@ def _random_cell(draw: random.Random) -> Cell:
     return _drawn(draw, failure, mode, draw.choice((250, 1000)), grid=False)
 
 
-# --- What came of it ---------------------------------------------------------------------------
+# --- Results -----------------------------------------------------------------------------------
 
 
 _WORST: Final = ("peak_um", "in_a_row", "above", "energy_J", "after", "cof_error")
-"""Fields of a result whose largest value is shown."""
+"""Fields of a result of which the largest value is shown."""
 
 
 def summary(
     results: Sequence[Result], row_of: Callable[[Result], str] = lambda result: result.failure
 ) -> dict[str, dict[str, Any]]:
-    """Return the worst of the cells of each row, and how often what ended them.
+    """Return the worst values of each row, and how often each watchdog ended a run.
 
     Parameters
     ----------
     results
-        Of the cells.
+        Results of the cells.
     row_of
-        Returns the name of the row that a result belongs to; its failure mode unless given.
+        Function that returns the row of a result; by default its failure mode.
     """
     table: dict[str, dict[str, Any]] = {}
     for result in results:
@@ -820,7 +822,7 @@ def summary(
 
 
 def fingerprint(results: Sequence[Result]) -> str:
-    """Return a hash of what came of all cells."""
+    """Return a hash of the results of all cells."""
     lines = (
         f"{r.cell} {r.ended_by} {r.after} {r.peak_um:.2f} {r.above} {r.limited}" for r in results
     )
@@ -828,7 +830,7 @@ def fingerprint(results: Sequence[Result]) -> str:
 
 
 def as_json(results: Sequence[Result]) -> dict[str, Any]:
-    """Return the results as JSON has them."""
+    """Return the results as JSON values."""
     return {
         "promise": PROMISES._asdict(),
         "cells": len(results),

@@ -1,4 +1,4 @@
-"""A soak: hours of simulated time in which everything happens, and nothing may go wrong."""
+"""A soak: hours of simulated time with random runs and faults, in which every check must hold."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ from smarttac_can.vocabulary.watchdogs import (
     Watchdog,
 )
 
-# How near every watch came to a fault while nothing was broken.
+# Level of every watchdog while nothing is faulty.
 
 
 Table = dict[str, dict[str, float]]
-"""Largest levels by watch and mode; 1.0 is a fault, or 0 V at the plate."""
+"""Largest levels by watchdog and mode; 1.0 is a fault, or 0 V at the plate."""
 
 WHAT: Final = {
     "nmt": "event",
@@ -72,7 +72,8 @@ WHAT: Final = {
     "true_amplitude": "vibration of the plate, of the limit of amplitude",
     "bound_by_the_drive": "vibration that the drive may have made, of the limit of unseen",
 }
-"""Every watch, and what its level is; last the quantities behind two that count cycles."""
+"""Every watchdog, and the meaning of its level. The last two are the quantities behind two
+watchdogs that count cycles."""
 _LOOKED_AT: Final = (
     *(watchdog.name.lower() for watchdog in COUNTED),
     *(f"plate_{what.replace(' ', '_')}" for what in PLATE_COUNTED),
@@ -83,12 +84,12 @@ _DIGITS: Final = 3
 
 
 class Margins:
-    """The largest levels of a rig with a plate node, mode by mode.
+    """The largest levels of the watchdogs of a rig with a plate node, by mode.
 
     Parameters
     ----------
     rig
-        Whose nodes are asked, over calls.
+        Rig whose nodes are read by function calls, not over the bus.
     """
 
     def __init__(self, rig: Rig) -> None:
@@ -102,7 +103,7 @@ class Margins:
         self._kept: dict[int, tuple[float, ...]] = {}
 
     def look(self) -> None:
-        """Look at a cycle in which nothing is broken."""
+        """Update the levels after a cycle in which nothing is faulty."""
         trip, most = self._amplitude_trip, self._bound_trip
         levels = (
             *self._stimulator.levels(),
@@ -113,17 +114,17 @@ class Margins:
         _raise(self._run, self._mode.value, levels)
 
     def keep(self) -> None:
-        """Keep what was seen since the last time."""
+        """Keep the levels since the last call of `keep` or `drop`."""
         for mode, levels in self._run.items():
             _raise(self._kept, mode, levels)
         self._run = {}
 
     def drop(self) -> None:
-        """Forget what was seen since the last time: a watch did trip, and had cause to."""
+        """Drop the levels since the last call, as a watchdog has tripped with a cause."""
         self._run = {}
 
     def table(self) -> Table:
-        """Return what was kept."""
+        """Return the levels that were kept."""
         return {
             name: {
                 Mode(mode).name.lower(): round(levels[at], _DIGITS)
@@ -139,7 +140,7 @@ def _raise(peaks: dict[int, tuple[float, ...]], mode: int, levels: tuple[float, 
 
 
 def largest(tables: Sequence[Table]) -> Table:
-    """Return the largest levels of several tables, one or more."""
+    """Return the largest levels of one or more tables."""
     modes = [
         name for mode in Mode if any((name := mode.name.lower()) in t["voltage"] for t in tables)
     ]
@@ -150,7 +151,7 @@ def largest(tables: Sequence[Table]) -> Table:
 
 
 def margin_rows(table: Table) -> Iterator[tuple[str, ...]]:
-    """Return the margins for readers, the head first: a watch, what its level is, and levels."""
+    """Yield the margins as rows of text, first the head: watchdog, meaning of the level, levels."""
     modes = list(table["voltage"])
     yield ("Watch", "Level", *(mode.replace("_", " ") for mode in modes))
     for name, what in WHAT.items():
@@ -158,7 +159,7 @@ def margin_rows(table: Table) -> Iterator[tuple[str, ...]]:
         yield (name.replace("_", " "), what, *levels)
 
 
-# How long a rig has driven, by mode and by law.
+# Time for which a rig has driven, by mode and by law.
 
 
 _BY_AMPLITUDE: Final = frozenset(
@@ -169,12 +170,12 @@ _S_PER_CYCLE: Final = 1e-3
 
 
 class DrivenTime:
-    """Cycles with a voltage.
+    """Count of the cycles with a voltage.
 
     Parameters
     ----------
     rig
-        Whose object dictionary says which laws are chosen.
+        Rig whose object dictionary holds the chosen laws.
     """
 
     def __init__(self, rig: Rig) -> None:
@@ -183,19 +184,19 @@ class DrivenTime:
         self._cycles: Counter[tuple[Mode, int, int]] = Counter()
 
     def count(self, mode: Mode) -> None:
-        """Count a cycle with a voltage in a mode, under the laws that are chosen now."""
+        """Count a cycle with a voltage in a mode, under the present laws."""
         self._cycles[mode, self._law.value, self._vibration_law.value] += 1
 
     def by_mode(self) -> dict[str, float]:
-        """Return seconds by the name of the mode, for every mode that drives."""
+        """Return the seconds for every driving mode, by its name."""
         return self._seconds(DRIVING, lambda mode, _law, _vibration: mode)
 
     def by_friction_law(self) -> dict[str, float]:
-        """Return seconds by the name of the friction law, of mode friction: no other asks one."""
+        """Return the seconds in mode friction for every friction law, by its name."""
         return self._seconds(Law, lambda mode, law, _: law if mode is Mode.FRICTION else None)
 
     def by_vibration_law(self) -> dict[str, float]:
-        """Return seconds by the name of the vibration law, of the modes in which one acts."""
+        """Return the seconds for every vibration law, by its name, in modes in which it acts."""
         return self._seconds(
             VibrationLaw, lambda mode, _, law: law if mode in _BY_AMPLITUDE else None
         )
@@ -209,24 +210,24 @@ class DrivenTime:
         return {kind.name.lower(): round(total[kind] * _S_PER_CYCLE, 3) for kind in kinds}
 
 
-# How large the process is while simulated time passes.
+# Memory of the process during simulated time.
 
 
 SAMPLE_CYCLES: Final = 60_000
 """Cycles between two samples: a simulated minute."""
 RSS_GROWTH_MIB: Final = 8.0
-"""How much the process may grow after its first two simulated minutes."""
+"""Largest growth of the process in MiB after its first two simulated minutes."""
 _WARM_UP_SAMPLES: Final = 2
 _PAGE: Final = 4096
 
 
 class ProcessSize:
-    """Samples of the size of this process.
+    """Samples of the resident memory of this process.
 
     Attributes
     ----------
     mib
-        Sizes in MiB; empty where the system does not say.
+        Samples in MiB; empty on a system without /proc.
     """
 
     def __init__(self) -> None:
@@ -241,7 +242,7 @@ class ProcessSize:
         self.mib.append(round(pages * _PAGE / 2**20, 1))
 
     def complaint(self) -> str | None:
-        """Say how much the process grew if that is too much, else None."""
+        """Return a text with the growth of the process if it is too large, else None."""
         sizes = self.mib[_WARM_UP_SAMPLES:]
         if sizes and max(sizes) - sizes[0] > RSS_GROWTH_MIB:
             return f"the process grew from {sizes[0]} to {max(sizes)} MiB"
@@ -250,7 +251,7 @@ class ProcessSize:
 
 @dataclass
 class SoakReport:
-    """What a soak did, and what did not hold."""
+    """Actions and results of a soak."""
 
     seed: int
     simulated_s: float = 0.0
@@ -259,48 +260,49 @@ class SoakReport:
     runs: int = 0
     driving_s: dict[str, float] = field(default_factory=dict)
     friction_law_s: dict[str, float] = field(default_factory=dict)
-    """Seconds with a voltage by friction law, in the modes in which one acts."""
+    """Seconds with a voltage by friction law, in mode friction."""
     vibration_law_s: dict[str, float] = field(default_factory=dict)
-    """The same by vibration law."""
+    """Seconds with a voltage by vibration law, in the modes in which one acts."""
     faults: dict[str, int] = field(default_factory=dict)
-    """How often each fault was injected, all while driving."""
+    """Number of injections of each fault, all while driving."""
     latched: int = 0
-    """How many of them ended in FAULT, the others in a restart."""
+    """Number of faults that ended in FAULT; the others ended in a restart."""
     tripped: dict[str, int] = field(default_factory=dict)
-    """How often set-points at random ended a run, by what was seen at the plate to be the cause."""
+    """Number of runs that random set-points ended, by the cause in the true vibration of the
+    plate."""
     margins: Table = field(default_factory=dict)
-    """How near each watch came to a fault, 1.0, while nothing was broken, mode by mode."""
+    """Largest level of each watchdog while nothing was faulty, by mode; 1.0 is a fault."""
     tolerated: dict[str, int] = field(default_factory=dict)
     emergencies: int = 0
     master_restarts: int = 0
     transfers: int = 0
-    """Acts of the master beside the scenes."""
+    """Number of actions of the master in addition to the scenes."""
     rss_mib: list[float] = field(default_factory=list)
-    """Size of the process at simulated minutes; empty where the system does not say."""
+    """Memory of the process at simulated minutes in MiB; empty on a system without /proc."""
     fingerprint: str = ""
-    """Check sum of the voltage in every cycle: the same for the same seed and time."""
+    """Check sum of the voltage in every cycle; equal for equal seed and time."""
     wall_s: float = 0.0
 
     @property
     def passed(self) -> bool:
-        """Whether everything held."""
+        """Whether no invariant was violated."""
         return self.violated == 0
 
     @property
     def speed(self) -> float:
-        """Simulated time over real time."""
+        """Simulated time divided by real time."""
         return self.simulated_s / self.wall_s if self.wall_s else 0.0
 
     def as_json(self) -> dict[str, Any]:
-        """Return the report as JSON has it."""
+        """Return the report as JSON values."""
         return asdict(self) | {"passed": self.passed, "speed": round(self.speed, 1)}
 
 
 def merged(reports: Sequence[SoakReport]) -> SoakReport:
-    """Return the report of a soak from those of its parts, one or more, in their order.
+    """Return the report of a soak from the reports of its parts, one or more, in their order.
 
-    That of one part is its own. The fingerprint of several is the check sum of theirs, and their
-    wall time is that of all processes together.
+    The report of a single part is returned unchanged. The fingerprint of several parts is the check
+    sum of theirs, and the wall time is the sum over all processes.
     """
     if len(reports) == 1:
         return reports[0]
@@ -342,31 +344,31 @@ def _sum(counts: Sequence[dict[str, int]]) -> dict[str, int]:
     return dict(sorted(total.items()))
 
 
-# What every cycle asks for stands here: looking a member of an enumeration up costs much more.
+# Needed in every cycle: module constants, as looking up an enumeration member is much slower.
 _RUNNING: Final = State.RUNNING
 _FAULT: Final = State.FAULT
 
 
 class SoakWatch:
-    """Sees what must hold, how near the watches of a rig are, and why one has tripped.
+    """Check the invariants of a rig, record watchdog levels, and find the cause of a trip.
 
     Parameters
     ----------
     rig
-        Has a plate node; it is observed from now on.
+        Rig with a plate node; it is observed from now on.
 
     Attributes
     ----------
     invariants
-        What must hold.
+        Invariants of every cycle.
     margins
-        How near the watches are while nothing is broken.
+        Levels of the watchdogs while nothing is faulty.
     mode
-        In which the rig is driven.
+        Mode in which the rig is driven.
     sound
-        Whether nothing is broken, nor about to be.
+        Whether nothing is faulty, or about to become so.
     cause
-        Why a watch has tripped at last, as the plate shows; None for no reason.
+        Cause of the last trip in the true vibration of the plate; None for no cause.
     """
 
     def __init__(self, rig: Rig) -> None:
@@ -385,12 +387,12 @@ class SoakWatch:
         rig.observe = self._look
 
     def end_sound(self) -> None:
-        """Keep how near the watches were: from now on something is broken, or about to be."""
+        """Keep the levels so far, as something is about to be made faulty."""
         self.sound = False
         self.margins.keep()
 
     def sum_up(self, report: SoakReport) -> None:
-        """Put into a report what was seen."""
+        """Write the results into a report."""
         report.driving_s = self._driven.by_mode()
         report.friction_law_s = self._driven.by_friction_law()
         report.vibration_law_s = self._driven.by_vibration_law()
@@ -414,7 +416,7 @@ class SoakWatch:
             self._size.sample()
 
     def _look_closer(self) -> None:
-        """See how near the watches are while nothing is broken, or why one has tripped."""
+        """Update the levels while nothing is faulty, or find the cause of a trip."""
         before, self._state = self._state, self._machine.state
         if self._state is _FAULT:
             self.sound = False
@@ -440,11 +442,11 @@ class Soak:
     Parameters
     ----------
     cycles
-        How long, in cycles of 1 ms, 1 or more; the last scene may take longer.
+        Length in cycles of 1 ms, 1 or more; the last scene may exceed it.
     seed
-        Of everything.
+        Seed of all random draws.
     progress
-        Called with the share that is done, 0..1.
+        Function that is called with the fraction that is done, 0..1.
     """
 
     def __init__(
@@ -465,7 +467,7 @@ class Soak:
         self._tripped_by: Counter[str] = Counter()
 
     def run(self) -> SoakReport:
-        """Let it all happen."""
+        """Run the soak and return its report."""
         start = perf_counter()
         rig, report = self._rig, self._report
         rig.start()
@@ -507,7 +509,7 @@ class Soak:
         self._invariants.clear_history()
 
     def _cycle(self, count: int, *, traffic: float = 0.0) -> None:
-        """Let cycles pass, a share of them with something from the master."""
+        """Run cycles, a fraction of them with traffic of the master."""
         rig, draw = self._rig, self._random.random
         for _ in range(count):
             if traffic and draw() < traffic:
@@ -533,7 +535,7 @@ class Soak:
         self._report.runs += 1
 
     def _draw_setpoints(self) -> None:
-        """Draw set-points and laws, which may also change while a run drives."""
+        """Write random set-points and laws, also while a run drives."""
         rig, draw = self._rig, self._random
         rig.write("Setpoint.Voltage", draw.randint(1000, 5000))
         rig.write("Setpoint.Frequency", 4_339_000 + draw.randint(-5000, 5000))
@@ -544,7 +546,7 @@ class Soak:
         rig.write("Controller.Vibration law", draw.choice(tuple(VibrationLaw)))
 
     def _touch(self) -> None:
-        """Let a finger stroke under other set-points, while the master asks a lot."""
+        """Stroke a finger under changing set-points, with traffic of the master."""
         for _ in range(self._random.randint(1, 6)):
             self._cycle(self._random.randint(100, 1500), traffic=0.05)
             if self._tripped("set-points"):
@@ -553,9 +555,9 @@ class Soak:
         self._watch.end_sound()
 
     def _tripped(self, what: str) -> bool:
-        """Tell whether set-points at random, or a mishap on the bus, ended the run.
+        """Return whether random set-points or a disturbance of the bus ended the run.
 
-        Only too much vibration may do that, and it has to be that of the plate.
+        Only too large a true vibration of the plate may do so; anything else is a violation.
         """
         if self._rig.state is not State.FAULT:
             return False
@@ -568,14 +570,14 @@ class Soak:
         return True
 
     def _expect_no_fault(self, what: str) -> None:
-        """Note a false alarm, and go on."""
+        """Record a false trip, and recover."""
         if self._rig.state is State.FAULT:
             message = self._rig.od["Message"].value
             self._invariants.violate(f"{what} in mode {self._watch.mode.name.lower()}: {message}")
             self._recover()
 
     def _fault(self) -> None:
-        """Break something in the middle of a run, see 0 V, and recover."""
+        """Inject a fault during a run, check that the stage goes to 0 V, and recover."""
         case = self._random.choice([case for case in _USED if self._watch.mode in case.modes])
         self._cycle(450 if self._watch.mode is Mode.IDENTIFY else self._random.randint(300, 700))
         self._expect_no_fault("a stroke")
@@ -594,7 +596,7 @@ class Soak:
             self._mend(case)
 
     def _tune(self) -> bool:
-        """Drive at the resonance, off which no axis is missed; tell whether the run goes on."""
+        """Drive at the resonance, as a lost axis is only detected there; return whether it runs."""
         rig = self._rig
         resonance = rig.od["Setpoint.Frequency"].quantise(rig.plate_block.plate.resonance)
         rig.write("Setpoint.Frequency", resonance)
@@ -603,11 +605,11 @@ class Soak:
         return rig.state is State.RUNNING
 
     def _await_fault(self, case: FaultCase) -> None:
-        """Inject a fault, expect 0 V, and ask a lot meanwhile."""
+        """Inject a fault, check for 0 V, and send traffic meanwhile."""
         rig = self._rig
         case.inject(rig)
         if not self._wait(case):
-            # What makes a limit laxer again is refused while armed.
+            # While armed, a write that relaxes a limit again would be refused.
             rig.write("Controlword", 0)
             return
         self._faults[case.name] += 1
@@ -618,12 +620,12 @@ class Soak:
             self._report.latched += 1
 
     def _bound(self, case: FaultCase) -> int:
-        """Return the cycles to the detection: with small set-points a phase may be led astray."""
+        """Return the cycles until detection, which a detuned resonance loop may delay."""
         astray = case.detunes and self._watch.mode in TRACKED
         return case.bound + RESONANCE_CYCLES * astray
 
     def _wait(self, case: FaultCase) -> bool:
-        """Let a fault have the time that it may take until 0 V; tell whether it could show."""
+        """Run until a fault must have led to 0 V; return whether it could be detected."""
         rig, bound = self._rig, self._bound(case) + 1
         if case.shows is None:
             self._cycle(bound)
@@ -649,7 +651,7 @@ class Soak:
         invariants.clear_history()
 
     def _mishap(self) -> None:
-        """Inject a fault of the bus that must not end a run by itself, and see that it does not."""
+        """Inject a bus fault that must not end a run, and check that it does not."""
         case = self._random.choice(TOLERATED)
         self._tolerated[case.name] += 1
         self._cycle(300)
@@ -660,7 +662,7 @@ class Soak:
         self._tripped(case.name)
 
     def _restart_master(self) -> None:
-        """Silence the master, expect 0 V, let it come back and reset both nodes."""
+        """Stop the master, check for 0 V, restart it, and reset both nodes."""
         rig = self._rig
         self._cycle(self._random.randint(100, 600))
         self._expect_no_fault("a stroke")
@@ -676,12 +678,12 @@ class Soak:
         self._invariants.clear_history()
 
     def _recover(self) -> None:
-        """Start what does not run, and reset the fault if there is one."""
+        """Start nodes that are stopped, and reset a latched fault."""
         rig = self._rig
         rig.nmt(NMTCommand.START)
         rig.configure()
         self._cycle(200)
-        # Who was missed is so until its next heartbeat, and has stopped the stimulator meanwhile.
+        # A lost node stays lost until its next heartbeat, and has stopped the stimulator.
         for _ in range(PLATE_LOST_MS):
             if not rig.od["Diagnosis.Present"].value & _MISSED:
                 break
@@ -698,15 +700,15 @@ class Soak:
         rig.write("Controlword", 0)
 
     def _lift(self) -> None:
-        """Lift the finger and tare: zeros taken under a finger would bar the reset."""
+        """Lift the finger and tare: zeros taken under a finger would prevent the reset."""
         self._rig.start_run(touch=False)
 
 
-# A long soak in independent parts, which may run side by side.
+# A long soak in independent parts, which may run in parallel.
 
 
 _GOLDEN: Final = 0x9E3779B9
-"""Step between the seeds of two parts: 2^32 over the golden ratio, so that none comes twice."""
+"""Step between the seeds of two parts: 2^32 divided by the golden ratio, so that none repeats."""
 _SEEDS: Final = 1 << 32
 _POLL_S: Final = 0.2
 
@@ -714,21 +716,21 @@ Progress = Callable[[float], None]
 
 
 class Part(NamedTuple):
-    """A part of a soak, a `Soak` of its own."""
+    """A part of a soak, run as a `Soak` of its own."""
 
     cycles: int
     seed: int
 
 
 def parts(cycles: int, seed: int) -> list[Part]:
-    """Divide a soak into equal parts of an hour at most; the first has the seed of the whole.
+    """Divide a soak into equal parts of at most an hour; the first has the seed of the whole.
 
     Parameters
     ----------
     cycles
-        How long it is, in cycles of 1 ms, 1 or more.
+        Length in cycles of 1 ms, 1 or more.
     seed
-        Of everything, 0..2^32 - 1.
+        Seed of the whole, 0..2^32 - 1.
     """
     count = max(1, -(-cycles // CYCLES_PER_HOUR))
     ends = [cycles * n // count for n in range(count + 1)]
@@ -741,23 +743,23 @@ def parts(cycles: int, seed: int) -> list[Part]:
 def soak_in_parts(
     chosen: Sequence[Part], *, jobs: int = 1, progress: Progress | None = None
 ) -> SoakReport:
-    """Let every part happen; the report is the same whatever the number of processes.
+    """Run all parts; the report does not depend on the number of processes.
 
     Parameters
     ----------
     chosen
-        One or more.
+        Parts to run, one or more.
     jobs
-        Processes that share the parts; 1 keeps them in this one.
+        Number of processes that share the parts; with 1 only this process works.
     progress
-        Called with the share that is done, 0..1.
+        Function that is called with the fraction that is done, 0..1.
 
     Raises
     ------
     ValueError
-        If a part is shorter than a cycle.
+        A part is shorter than a cycle.
     BrokenProcessPool
-        If one of the processes was killed.
+        One of the processes was killed.
     """
     report = progress or (lambda _share: None)
     if jobs == 1 or len(chosen) == 1:
@@ -785,7 +787,7 @@ def _side_by_side(chosen: Sequence[Part], jobs: int, report: Progress) -> list[S
 
 
 _shared: Final[list[Any]] = []
-"""Where each process writes the share of its parts that is done."""
+"""Array into which each process writes the fraction of its parts that is done."""
 
 
 def _share_with(shares: Any) -> None:

@@ -1,4 +1,4 @@
-"""A texture played under a stroking finger, and the true COF of it."""
+"""Play a texture under a stroking finger, and record its true COF."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from smarttac_can.vocabulary.signals import TARE_SAMPLES
 from smarttac_can.vocabulary.states import Control, Mode, State, VibrationLaw
 
 LEVELS: Final = {1: (0.2, 0.3), 2: (0.3, 0.4), 3: (0.4, 0.5), 4: (0.5, 0.6)}
-"""COF of a subject between and on the ridges: the references of the paper, which it can reach."""
+"""COF of a subject between and on the ridges: references of the paper that it can reach."""
 _TARES: Final = 16
 _TARE_AND_PRESS: Final = 320
 _TRAVEL_MM: Final = 30
 _ZEROS: Final = tuple(f"Gauge zero.Zero of S{number}" for number in range(1, 7))
 _PASS_CYCLES: Final = 1.2
-"""Of a pass at full speed, with its turns."""
+"""Duration of a pass with its turns, relative to a pass at full speed."""
 
 
 class Stroke(NamedTuple):
-    """Position in mm, true COF, measured COF and its reference in each cycle of 1 ms."""
+    """Position in mm, true COF, measured COF and COF reference in each cycle of 1 ms."""
 
     position: list[float]
     cof: list[float]
@@ -49,28 +49,29 @@ def play(
     Parameters
     ----------
     texture
-        What to play.
+        Texture to play.
     subject
-        Number of the finger.
+        Number of the simulated finger.
     passes
-        How many, 1 or more; the first one, in which the finger presses, is not among them.
+        Number of passes, 1 or more, without the first one, in which the finger presses.
     force, speed
         Normal force in N, and speed in mm/s.
     seed
-        Of the noise of the sensors.
+        Seed of the sensor noise.
     preview_us
-        By how much the reference is ahead, in us.
+        Time in us by which the reference is ahead.
     dead_time_us
-        Time from the tick until a drive is in force in us, of which the controllers are told.
+        Time from the tick until a drive is in force, in us; the controllers know it.
     vibration_law
         Law of the inner loops.
     tares
-        How many tares of 64 samples the zero is the mean of; one is 0.03 mm off, at 1 N.
+        Number of tares of 64 samples over which the zero is averaged. A single one gives an error
+        of 0.03 mm at 1 N.
 
     Raises
     ------
     RuntimeError
-        If the run ends by itself.
+        The run ends by itself.
     """
     plate = PlateBlock(plate_od())
     block = StimulatorBlock(stimulator_od(), plate)
@@ -113,7 +114,7 @@ def play(
 
 
 def _tare(block: StimulatorBlock, tares: int) -> None:
-    """Have the zero be the mean of some tares, without a finger."""
+    """Set the zero to the mean of some tares, without a finger."""
     zeros = []
     block.write(START_RUN, 1)
     for _ in range(tares):

@@ -1,4 +1,4 @@
-"""Processes that share work, and end with the process that started them."""
+"""Worker processes that share work, and end with the process that started them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 from smarttac_can.host.process_signals import end_with_parent
 
 Submit = Callable[..., "Future[Any]"]
-"""Gives a function of a module, and its arguments, to one of the processes."""
+"""Function that passes a function of a module, and its arguments, to one of the processes."""
 Item = TypeVar("Item")
 Outcome = TypeVar("Outcome")
 
@@ -21,23 +21,23 @@ Outcome = TypeVar("Outcome")
 def sharing(jobs: int, begin: Callable[..., None] | None = None, *args: Any) -> Iterator[Submit]:
     """Share work between processes in a block.
 
-    They are killed when the block ends early, by Ctrl-C or by an error, and when this process is.
-    What they do must bear that: it opens no files.
+    The processes are killed when the block ends early, by Ctrl-C or by an error, and when this
+    process is killed. Their work must tolerate that: it opens no files.
 
     Parameters
     ----------
     jobs
-        How many processes, 1 or more.
+        Number of processes, 1 or more.
     begin, args
-        What each of them calls first, and with what.
+        Function that each process calls first, and its arguments.
 
     Yields
     ------
     Callable
-        Submits work, as `ProcessPoolExecutor.submit` does.
+        Function that submits work, as `ProcessPoolExecutor.submit` does.
     """
     others = set(active_children())
-    # Spawned, not forked: a fork copies the threads of whoever asks in an unknown state.
+    # Spawned, as a fork would copy the threads of the caller in an unknown state.
     pool = ProcessPoolExecutor(jobs, get_context("spawn"), _begin, (begin, args))
 
     def submit(work: Callable[..., Any], *args: Any) -> Future[Any]:
@@ -49,7 +49,7 @@ def sharing(jobs: int, begin: Callable[..., None] | None = None, *args: Any) -> 
         yield submit
         whole = True
     finally:
-        # An interrupt in here would leave processes that nobody waits for.
+        # An interrupt here would leave processes without a parent that waits for them.
         with _interrupts_held():
             if not whole:
                 for process in set(active_children()) - others:
@@ -65,7 +65,7 @@ def _begin(begin: Callable[..., None] | None, args: tuple[Any, ...]) -> None:
 
 @contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """Block SIGINT, also in the processes that are started meanwhile."""
+    """Block SIGINT, also in processes that are started meanwhile."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
@@ -82,18 +82,18 @@ def in_order(
     jobs: int,
     progress: Callable[[float], None] = lambda _share: None,
 ) -> Iterator[Outcome]:
-    """Run items in this process or in several, and yield what they return, in their order.
+    """Run items in this or in several processes, and yield their results in order.
 
     Parameters
     ----------
     run
-        What to do with each; a function of a module, or a `partial` of one.
+        Function to call with each item; a function of a module, or a `partial` of one.
     items
-        Values that can be pickled, unless there is one job.
+        Items, which must be picklable unless ``jobs`` is 1.
     jobs
-        Processes that share them; 1 keeps them in this one.
+        Number of processes that share the items; with 1 only this process works.
     progress
-        Called with the share that is done, 0..1.
+        Function that is called with the fraction that is done, 0..1.
     """
     for number, outcome in enumerate(_outcomes(run, items, jobs), 1):
         progress(number / len(items))

@@ -1,4 +1,4 @@
-"""What both ends of the bus agree on: modes, states, words, watchdogs, faults, and signals."""
+"""Definitions shared by both ends of the bus: modes, states, words, watchdogs, faults, signals."""
 
 from smarttac_can.vocabulary.faults import FaultCode, FaultKind
 from smarttac_can.vocabulary.model import PlateModel

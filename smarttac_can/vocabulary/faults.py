@@ -7,7 +7,7 @@ from typing import Final
 
 
 class FaultCode(IntEnum):
-    """What the watchdogs report, by the classes of CiA 301, table 26."""
+    """Emergency error codes of the watchdogs, by the classes of CiA 301, table 26."""
 
     VOLTAGE = 0x3310
     STAGE = 0x3311
@@ -40,38 +40,39 @@ class FaultCode(IntEnum):
 
 GAUGES: Final = 6
 PICKUP_D, PICKUP_Q, THERMOMETER, PICKUP = 7, 8, 9, 10
-"""Sensor numbers; 1..6 are the gauges S1..S6, the last is the pick-up with both axes."""
+"""Sensor numbers. 1..6 are the gauges S1..S6; PICKUP is the pick-up with both axes."""
 
 
 class FaultKind(IntEnum):
-    """What breaks. The unit of a value is that of its sensor: mN, nm or 0.01 K."""
+    """Kinds of faults. The unit of a value is that of its sensor: mN, nm or 0.01 K."""
 
     NONE = 0
-    """All is well."""
+    """No fault."""
     STUCK = 1
     """The sensor repeats its last reading."""
     SATURATED = 2
-    """The sensor is at the end of its range, the negative one for a value below 0."""
+    """The sensor is at the end of its range, at the negative one for a value below 0."""
     OFFSET = 3
-    """The sensor reads more by the value."""
+    """The value is added to the reading of the sensor."""
     GAIN = 4
-    """The sensor reads its value in 0.1 %; the pick-up loses or gains it before its converter."""
+    """The gain of the sensor is the value in 0.1 %; for the pick-up it acts before the
+    converter."""
     DEAD = 5
     """The sensor reads 0."""
     NOISE = 6
-    """The sensor has white noise whose standard deviation is the value on top of its own."""
+    """White noise with the value as its standard deviation is added to the noise of the sensor."""
     SPIKE = 7
-    """The sensor reads more by the value, for one tick."""
+    """The value is added to the reading of the sensor for one tick."""
     RESONANCE_SHIFT = 8
-    """The resonance is higher by the value in Hz, as of a crack or a loose mount."""
+    """The resonance is shifted up by the value in Hz, as by a crack or a loose mount."""
     QUALITY = 9
-    """The quality factor is the value in 0.1 % of what it was."""
+    """The quality factor is reduced to the value in 0.1 %."""
     TEMPERATURE = 10
-    """The plate and its surroundings have the value in 0.01 degC."""
+    """The temperature of plate and environment is the value in 0.01 degC."""
     SLAM = 11
-    """The finger presses harder by the value in mN."""
+    """The normal force of the finger increases by the value in mN."""
     STAGE_STUCK = 12
-    """The power stage keeps the value in 10 mV whatever is asked for, above 0 V."""
+    """The power stage keeps the value in 10 mV, whatever voltage above 0 V is commanded."""
 
 
 SENSOR_KINDS: Final = range(FaultKind.STUCK, FaultKind.SPIKE + 1)
@@ -84,10 +85,10 @@ _RANGES: Final = {
     FaultKind.SLAM: (0, 100_000),
     FaultKind.STAGE_STUCK: (0, 100_000),
 }
-"""Values of the kinds that do not take any value up to `_MOST`."""
+"""Ranges of values of the kinds that do not accept all values up to `_MOST`."""
 _MOST: Final = 1_000_000
 
 
 def value_range(kind: FaultKind) -> tuple[int, int]:
-    """Return the lowest and the highest value that make sense for a kind."""
+    """Return the lowest and the highest valid value of a kind."""
     return _RANGES.get(kind, (-_MOST, _MOST))

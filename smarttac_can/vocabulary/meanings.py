@@ -1,4 +1,4 @@
-"""Names of objects, words, modes and emergencies, for clients and for tools that show them."""
+"""Names of objects, words, modes and emergencies, for clients and for tools that display them."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from smarttac_can.vocabulary.watchdogs import WATCHDOGS
 
 
 class BitField(NamedTuple):
-    """Some bits of an object that mean something of their own."""
+    """Bits of an object that have a meaning of their own."""
 
     name: str
-    """Name beside that of the object; empty for all of the object."""
+    """Name in addition to that of the object; empty for the whole object."""
     start: int
-    """Lowest of its bits, counted from 0."""
+    """Lowest bit, counted from 0."""
     length: int
-    """Number of its bits."""
+    """Number of bits."""
     values: Mapping[int, str]
-    """What its values are called; empty for a flag."""
+    """Names of the values; empty for a flag."""
 
 
 def spoken(member: IntEnum | IntFlag) -> str:
-    """Return the name of a member of an enumeration as a person writes it."""
+    """Return the name of an enumeration member in lower case with spaces."""
     return (member.name or "").lower().replace("_", " ")
 
 
@@ -54,13 +54,13 @@ FIELDS: Final[Mapping[str, tuple[BitField, ...]]] = {
     "Friction law": (BitField("", 0, 8, _names(Law)),),
     "Controller.Vibration law": (BitField("", 0, 8, _names(VibrationLaw)),),
 }
-"""Objects of stimulator and plate whose numbers have names."""
+"""Objects of stimulator and plate whose values have names."""
 EMERGENCIES: Final[Mapping[int, str]] = _names(EmergencyCode) | _names(FaultCode)
-"""Emergency error codes of stimulator and plate by what they are called."""
+"""Names of the emergency error codes of stimulator and plate."""
 
 
 def emergency_text(code: int) -> str:
-    """Return what an emergency error code of stimulator or plate means."""
+    """Return the meaning of an emergency error code of stimulator or plate."""
     for row in WATCHDOGS.values():
         if row.code == code:
             return row.text.partition(":")[0]
@@ -76,14 +76,14 @@ LIFTED, STROKE, RECORDED = range(3)
 SIMULATION: Final = ("Simulation", "Finger", "Fault", "Weight")
 """Records that belong to the simulated plate."""
 ZERO: Final = int.from_bytes(b"zero", "little")
-"""Signature to write to the auto-zero object."""
+"""Signature that is written to an auto-zero object."""
 TARE: Final = "AI auto-zero"
-"""Record of the objects that take it."""
+"""Record of the auto-zero objects."""
 AUTO_ZERO: Final = tuple(
     f"{TARE}.AI auto-zero {channel}" for channel in ("force x", "force y", "normal force")
 )
-"""Its objects, one for each channel that can be tared."""
+"""Auto-zero objects, one for each channel that can be tared."""
 NOT_TARED: Final = "not tared: "
-"""How the Message begins of a tare that is refused for a null outside its window."""
+"""Beginning of the Message when a tare is refused for a null outside its window."""
 UNWATCHED: Final = "not armed, as nobody would be missed: "
-"""How the Message begins of an arming that is refused for want of a watch; what to do follows."""
+"""Beginning of the Message when arming is refused without supervision; what to do follows."""

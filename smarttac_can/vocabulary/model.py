@@ -1,4 +1,4 @@
-"""The plate as the controllers know it: eq. (6) and (7), and what a finger and warmth change."""
+"""Model of the plate in the controllers: eq. (6) and (7), with the effect of finger and warmth."""
 
 from __future__ import annotations
 
@@ -8,37 +8,37 @@ from typing import Final
 
 _ROUNDING = 1e-15
 LOAD_FORCE: Final = 0.5
-"""Normal force in N at which the load of a model is stated."""
+"""Normal force in N for which the load of a model is given."""
 _GROWTH: Final = 2.0 / 3.0
-"""A Hertz contact grows so with the force, and its damping with it."""
+"""Exponent with which a Hertz contact, and its damping, grow with the force."""
 F0_SLOPE: Final = -14.0
 """Change of the resonance in Hz/K; paper, section on Fig. 5."""
 GAIN_MIN = 1e-9
-"""Least gain in m peak-to-peak per V that is controlled."""
+"""Least gain in m peak-to-peak per V that the controllers accept."""
 TAU_MIN = 1e-4
-"""Shortest time constant in s that is controlled: a tenth of a tick."""
+"""Shortest time constant in s that the controllers accept: a tenth of a tick."""
 
 
 def require(name: str, value: float, low: float, high: float) -> None:
-    """Refuse a number outside ``low..high``.
+    """Check that a number is within ``low..high``.
 
     Raises
     ------
     ValueError
-        Names the value and its bounds; NaN is refused, too.
+        The number is outside, or NaN; the message names the value and its bounds.
     """
-    # A bound that comes as an integer times a unit may miss itself by the last bit.
+    # A bound computed as an integer times a unit may be off by the last bit.
     if not low - _ROUNDING * abs(low) <= value <= high + _ROUNDING * abs(high):
         raise ValueError(f"{name} {value:g} is outside {low:g}..{high:g}")
 
 
 def contact_load(Fn: float) -> float:
-    """Return the contact at a normal force in N over that at 0.5 N; 0 without a force."""
+    """Return the contact at a normal force in N relative to that at 0.5 N; 0 without a force."""
     return float((Fn / LOAD_FORCE) ** _GROWTH) if Fn > 0.0 else 0.0
 
 
 def decay_rate(load: float, tau: float, contact: float) -> float:
-    """Return 1/tau in 1/s under a contact of `contact_load`, of a bare tau and a model's load."""
+    """Return 1/tau in 1/s for a contact of `contact_load`, with a bare tau and the load."""
     return (1.0 + load * contact) / tau
 
 
@@ -58,10 +58,10 @@ class PlateModel:
     """Resonance frequency in Hz, 1e3..1e6; 43390 Hz at 20 degC in the paper."""
 
     load: float = 0.87
-    """Damping that a finger of 0.5 N adds, over that of the bare plate, 0..5; an assumption: the
-    mean of the simulated fingertips."""
+    """Damping that a finger of 0.5 N adds, relative to that of the bare plate, 0..5. An assumption:
+    the mean of the simulated fingertips."""
     temperature: float = 20.0
-    """Temperature in degC at which f0 was found, -40..125."""
+    """Temperature in degC at which f0 was measured, -40..125."""
     softening: float = 0.0
     """Fall of the resonance from f0 with the amplitude in Hz/m peak-to-peak, -1e9..1e9."""
 
@@ -79,9 +79,10 @@ class PlateModel:
         return math.pi * self.f0 * self.tau
 
     def decay_rate(self, contact: float) -> float:
-        """Return 1/tau in 1/s under a contact of `contact_load`.
+        """Return 1/tau in 1/s for a contact of `contact_load`.
 
-        The gain goes with tau: ``kappa = K/tau``, the force of a volt over the mass, stays.
+        The gain is proportional to tau: ``kappa = K/tau``, the force per volt over the mass, is
+        constant.
         """
         return decay_rate(self.load, self.tau, contact)
 
@@ -93,13 +94,13 @@ class PlateModel:
         V
             Voltage in V.
         W
-            Vibration W_d + jW_q under the finger in m, of any detuning.
+            Vibration W_d + jW_q under the finger in m, with any detuning.
         Fn
             Normal force in N, above 0.
 
         Notes
         -----
-        The real part of ``kappa V/W = 1/tau + j (w - w0)``.
+        It follows from the real part of ``kappa V/W = 1/tau + j (w - w0)``.
         """
         square = W.real * W.real + W.imag * W.imag
         return (self.gain * V * W.real / square - 1.0) / contact_load(Fn)

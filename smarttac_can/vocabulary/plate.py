@@ -1,4 +1,4 @@
-"""What a plate looks like to its node: the protocol of a front end for real hardware."""
+"""Interface of a plate to its node: the protocol of a front end for real hardware."""
 
 from __future__ import annotations
 
@@ -10,16 +10,17 @@ from smarttac_can.vocabulary.signals import Drive, Measurement
 class Plate(Protocol):
     """Power stage, vibration pick-up, strain gauges and thermometer, as a plate node uses them.
 
-    A front end in Python implements it and stands in for the simulated plate. All is in SI units;
-    scaling, tick counts, checks and deadlines belong to the node. Each call has to return at once:
-    who has to wait for hardware does so in a thread of its own. The node calls from one thread, but
-    for a last drive of 0 V from another one while a call hangs.
+    A front end in Python implements it and replaces the simulated plate. All values are in SI
+    units; scaling, tick counts, checks and deadlines are done by the node. Each call must return
+    immediately; waiting for hardware belongs in a thread of the front end. The node calls from one
+    thread, with one exception: while a call hangs, a last drive of 0 V may come from another
+    thread.
     """
 
     def put_out(self, drive: Drive) -> float:
-        """Put a drive out, from now until the next one.
+        """Put out a drive, from now until the next one.
 
-        The first drive is one of 0 V, and so is the last. At 0 V the output is disconnected.
+        The first drive has 0 V, and so has the last. At 0 V the output is disconnected.
 
         Parameters
         ----------
@@ -29,31 +30,30 @@ class Plate(Protocol):
         Returns
         -------
         float
-            The voltage in V that is at the output now, as it is read back; the commanded one
-            where nothing can read it.
+            Voltage in V at the output, as read back; the commanded voltage if it cannot be read.
         """
         ...
 
     def sample(self) -> Measurement | None:
-        """Return what is measured at this tick, once a millisecond at most.
+        """Return the measurement at this tick; called at most once per millisecond.
 
         Returns
         -------
         Measurement or None
-            The newest one; None if there is none since the last call. The object of the call
-            before counts as none.
+            Newest measurement; None if there is none since the last call. Returning the object of
+            the last call again counts as None.
         """
         ...
 
     def close(self) -> None:
-        """Let go of the hardware; the last call of all."""
+        """Release the hardware; this is the last call."""
         ...
 
 
 class TimedPlate(Plate, Protocol):
-    """A plate whose calls are timed by whoever has a clock."""
+    """A plate whose calls are timed by code that has a clock."""
 
     @property
     def took_us(self) -> int:
-        """How long the last call took, in us; 0 where no clock counts."""
+        """Duration of the last call in us; 0 without a clock."""
         ...

@@ -1,7 +1,7 @@
-"""The values that cross between plate and controller, in SI units.
+"""The values exchanged between plate and controller, in SI units.
 
-They are small, frozen and know nothing of the bus: scaling to integers happens at the object
-dictionary, and the tick counts that pair a drive with its measurement belong to the nodes.
+They are small and immutable, and do not depend on the bus: the object dictionary scales them to
+integers, and the nodes keep the tick counts that pair a drive with its measurement.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ TICK: Final = 1e-3
 
 
 class Drive(NamedTuple):
-    """What the controller asks of the power stage, in force until the next drive."""
+    """Command of the controller to the power stage, in force until the next drive."""
 
     voltage: float
     """Amplitude of the supply voltage V_q in V, 0 or more (V_d = 0 by choice of the frame)."""
@@ -22,7 +22,7 @@ class Drive(NamedTuple):
 
 
 class Measurement(NamedTuple):
-    """What the plate reports once a tick."""
+    """Measurement of the plate in one tick."""
 
     W: complex
     """Vibration W_d + jW_q in m peak-to-peak, in the frame of the drive voltage."""
@@ -35,11 +35,11 @@ class Measurement(NamedTuple):
 
 
 MeasurementFields = tuple[complex, tuple[float, float, float, float, float, float], float, int]
-"""The fields of a `Measurement`: compiled steps hand on plain tuples."""
+"""Fields of a `Measurement`, as compiled steps pass plain tuples."""
 
 
 class Contact(NamedTuple):
-    """The finger as the tribometer sees it."""
+    """State of the finger, as measured by the tribometer."""
 
     Fx: float
     """Force in x in N, tared and free of cross-talk."""
@@ -60,32 +60,33 @@ class Contact(NamedTuple):
 
 
 ContactFields = tuple[float, float, float, float, float, float, float, bool]
-"""The fields of a `Contact`."""
+"""Fields of a `Contact`."""
 
 
 class Setpoint(NamedTuple):
-    """What the user asks of the cascade; which of them count depends on the mode."""
+    """Set-points of the user for the cascade; the mode determines which ones are used."""
 
     voltage: float
-    """Voltage in V, mode open loop."""
+    """Voltage in V, in mode open loop."""
     frequency: float
-    """Excitation frequency in Hz: fixed, or where the resonance loop starts from."""
+    """Excitation frequency in Hz: fixed, or the start of the resonance loop."""
     amplitude: float
-    """Vibration amplitude in m peak-to-peak; the nominal amplitude of the law ``nominal``."""
+    """Vibration amplitude in m peak-to-peak; nominal amplitude of the law ``nominal``."""
     mu_left: float
-    """Coefficient of friction asked for left of the boundary, above 0."""
+    """Reference of the coefficient of friction left of the boundary, above 0."""
     mu_right: float
-    """Coefficient of friction asked for right of the boundary, above 0."""
+    """Reference of the coefficient of friction right of the boundary, above 0."""
     boundary: float
     """Position of the boundary in m."""
 
 
 TARE_SAMPLES = 64
-"""Samples a tare is the mean of: the noise of the zero is an eighth of that of a sample."""
+"""Number of samples averaged by a tare: the zero has an eighth of the noise of a sample."""
 KNOWN_WINDOW_MN: Final = 60
-"""Of the nulls of a known plate: 41 mN of drift over 15 K by the gauges' data sheet, and some."""
+"""Window in mN for the nulls of a known plate: 41 mN of drift over 15 K by the gauges' data sheet,
+and a reserve."""
 TICK_US: Final = round(TICK * 1e6)
 """Period of the loop in us."""
 SHORT_DEADLINE_MS: Final = 3
-"""Deadline of measurements and drives where every cycle is in time: in lockstep, and with the
-privileges for real time. One lost cycle passes, a second in a row does not."""
+"""Deadline in ms of measurements and drives if every cycle is in time: in lockstep, or with
+real-time privileges. One lost cycle is accepted, a second one in a row is not."""

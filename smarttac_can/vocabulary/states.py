@@ -10,18 +10,18 @@ _OF_NUMBERS: Final = tuple("bcdnoxXeEfFgG%")
 
 
 class NamedNumber(IntEnum):
-    """An IntEnum that a person who prints it can read: ``RUNNING`` and not ``3``."""
+    """An IntEnum that prints its name: ``RUNNING`` and not ``3``."""
 
     def __str__(self) -> str:
         return self.name
 
     def __format__(self, spec: str) -> str:
-        """Format the name, or by ``d`` and the like the number."""
+        """Format the name, or the number for ``d`` and other numeric types."""
         return format(int(self) if spec.endswith(_OF_NUMBERS) else self.name, spec)
 
 
 class Mode(NamedNumber):
-    """What the cascade controls."""
+    """Modes of the cascade."""
 
     OFF = 0
     """0 V at the frequency of the set-point."""
@@ -32,60 +32,62 @@ class Mode(NamedNumber):
     AMPLITUDE_RESONANCE = 3
     """Amplitude by voltage, and the resonance tracked by frequency."""
     FRICTION = 4
-    """COF by amplitude, over both loops of the mode before."""
+    """COF by amplitude, with both loops of AMPLITUDE_RESONANCE."""
     IDENTIFY = 5
-    """Identification of the unloaded plate; ends by itself in OFF."""
+    """Identification of the unloaded plate; changes to OFF at its end."""
     TEXTURE = 6
-    """COF by amplitude as in FRICTION; its reference is played from a table."""
+    """COF by amplitude as in FRICTION, with a reference from a table."""
 
 
 class Law(NamedNumber):
-    """How the amplitude follows the COF; to what the step dW is added the paper leaves open."""
+    """Laws by which the amplitude follows the COF; the paper leaves open to what dW is added."""
 
     MEASURED = 0
     """``W_ref = |W| + dW``: integral action through the inner loop."""
     ACCUMULATE = 1
-    """``W_ref += dW``: integral action before the inner loop; less margin than the above."""
+    """``W_ref += dW``: integral action before the inner loop; less margin than MEASURED."""
     NOMINAL = 2
     """``W_ref = W_nominal + dW``: proportional action; it leaves a static error."""
     PREDICTIVE = 3
-    """``W_ref`` by the friction map of the finger, which is learned on the way; without dW."""
+    """``W_ref`` from the friction map of the finger, which is learned during the run; without
+    dW."""
 
 
 class VibrationLaw(NamedNumber):
-    """How amplitude and resonance are regulated."""
+    """Laws of the amplitude and resonance loops."""
 
     PI = 0
-    """Two PIs designed for the bare plate, as in the paper; in mode TEXTURE that of the
-    amplitude as `SCHEDULED`."""
+    """Two PIs designed for the bare plate, as in the paper. In mode TEXTURE the PI of the amplitude
+    is that of `SCHEDULED`."""
     SCHEDULED = 1
-    """The same two, designed for the plate under the finger that presses now."""
+    """The same two PIs, designed for the plate under the present finger."""
     PREDICTIVE = 2
-    """One step of a plate that is learned from tick to tick, through its dead time."""
+    """One-step prediction with a plate model that is updated in each tick, including its dead
+    time."""
 
 
 LAWS: Final[Mapping[str, type[Law] | type[VibrationLaw]]] = {
     "Friction law": Law,
     "Controller.Vibration law": VibrationLaw,
 }
-"""Objects that choose a law, and what there is."""
+"""Objects that choose a law, and the available laws."""
 
 
 class State(NamedNumber):
-    """States of the device; the statusword carries the number in bits 8 to 10."""
+    """States of the device; bits 8 to 10 of the statusword hold the number."""
 
     NOT_READY = 0
-    """Something is missing: measurements, a zero, a calibration, or NMT OPERATIONAL."""
+    """A condition is not met: measurements, a zero, a calibration, or NMT OPERATIONAL."""
     READY = 1
-    """All is there; at 0 V."""
+    """All conditions are met; at 0 V."""
     ARMED = 2
-    """A fault trips; still at 0 V."""
+    """Faults trip; still at 0 V."""
     RUNNING = 3
-    """The mode drives: the only state with a voltage."""
+    """The mode is active: the only state with a voltage."""
     QUICK_STOP = 4
-    """At 0 V until the controlword lets go."""
+    """At 0 V until the quick stop bit of the controlword is cleared."""
     FAULT = 5
-    """At 0 V until the fault is gone and reset."""
+    """At 0 V until the fault is gone and was reset."""
 
 
 class Control(IntFlag):
@@ -98,11 +100,11 @@ class Control(IntFlag):
 
 
 CONTROL_MASK: Final = int(Control.ARM | Control.RUN | Control.QUICK_STOP | Control.FAULT_RESET)
-"""Bits that a controlword may have."""
+"""Bits that a controlword may contain."""
 
 
 class IdentificationState(NamedNumber):
-    """How far an identification is."""
+    """Progress of an identification."""
 
     IDLE = 0
     RUNNING = 1
@@ -114,13 +116,14 @@ class Status(IntFlag):
     """Bits of the statusword."""
 
     LIVE = 1 << 0
-    """The loop has its cycles: what is read back is that of now, not of the last one there was."""
+    """The loop has cycles, so the values that are read are present ones, not those of a last
+    cycle."""
     DRIVING = 1 << 1
     """The voltage is above 0."""
     TOUCHING = 1 << 2
     """A finger touches."""
     LIMITED = 1 << 3
-    """A limit of voltage, amplitude or frequency cuts off what the controllers ask for."""
+    """A limit of voltage, amplitude or frequency reduces the output of the controllers."""
     SATURATED = 1 << 4
     """A sensor is at the end of its range."""
     FAULT = 1 << 5
@@ -128,23 +131,23 @@ class Status(IntFlag):
 
 
 STATE_SHIFT: Final = 8
-"""Bits 8 to 10 of the statusword are the number of the state."""
+"""Lowest of the bits 8 to 10 of the statusword, which hold the number of the state."""
 _STATE_BITS: Final = 0b111
 
 
 def state_in(statusword: int) -> State:
-    """Return the state that a statusword carries.
+    """Return the state in a statusword.
 
     Raises
     ------
     ValueError
-        If there is no state of its number: a statusword of something else.
+        There is no state with its number, so it is not a statusword of a stimulator.
     """
     return State(statusword >> STATE_SHIFT & _STATE_BITS)
 
 
 def known_state(statusword: int) -> State | None:
-    """Return the state that a statusword carries; None if there is no such state."""
+    """Return the state in a statusword; None if there is no such state."""
     try:
         return state_in(statusword)
     except ValueError:

@@ -1,4 +1,4 @@
-"""A texture: a table of COF over position or time, and the bytes that carry it."""
+"""Textures: tables of COF over position or time, and their binary format."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from enum import IntEnum
 from typing import Final
 
 COF_COUNT: Final = 1e-4
-"""What one count of a COF stands for."""
+"""COF of one count."""
 SLOTS: Final = 4
-"""Tables that a stimulator keeps."""
+"""Number of tables that a stimulator stores."""
 TABLES: Final = "Texture table"
-"""Name of the array of objects that holds them."""
+"""Name of the array of objects that holds the tables."""
 TABLE_NAMES: Final = tuple(f"{TABLES}.Table {number}" for number in range(1, SLOTS + 1))
 """Names of the objects, by slot."""
 MAX_VALUES: Final = 4096
@@ -29,40 +29,40 @@ _HEADER: Final = struct.Struct("<4sBBHiI")
 _CRC_BYTES: Final = 4
 _LEAST_BYTES: Final = _HEADER.size + 2 + _CRC_BYTES
 MAX_BYTES: Final = _HEADER.size + 2 * MAX_VALUES + _CRC_BYTES
-"""Bytes of the longest table."""
+"""Size of the longest table in bytes."""
 
 
 class Axis(IntEnum):
-    """What a table goes over."""
+    """Axis of a table."""
 
     POSITION = 0
     """Position of the finger in nm from the middle of the plate."""
     TIME = 1
-    """Time in us from when the table begins to be played."""
+    """Time in us since the table started to play."""
 
 
 @dataclass(frozen=True, slots=True)
 class TextureTable:
-    """A table of COF in equal steps, with straight lines between its values.
+    """A table of COF with equidistant values and linear interpolation between them.
 
-    Before the first value and after the last one it holds them, unless it repeats.
+    Before the first value and after the last one the COF is constant, unless the table repeats.
 
     Raises
     ------
     ValueError
-        Names the first of its parts that is out of range, and the range.
+        A field is out of range; the message names the first such field and its range.
     """
 
     axis: Axis
-    """What it goes over."""
+    """Axis of the table."""
     repeats: bool
-    """Whether it begins anew a step after its last value, and goes on before its first one."""
+    """Whether the table repeats, one step after its last value and also before its first one."""
     start: int
-    """Place of the first value: -100000000..100000000 nm, or 0 us."""
+    """Position of the first value: -100000000..100000000 nm, or 0 us."""
     step: int
-    """Distance of two values in nm or us, 1..10000000."""
+    """Distance between two values in nm or us, 1..10000000."""
     values: tuple[int, ...]
-    """COF in 1e-4, 1 to 4096 of them, each 1..65535; a device has narrower bounds."""
+    """COF values in 1e-4, 1 to 4096 of them, each 1..65535; the bounds of a device are narrower."""
 
     def __post_init__(self) -> None:
         most = MAX_START if self.axis is Axis.POSITION else 0
@@ -77,12 +77,13 @@ class TextureTable:
         return cof_at(self.values, self.repeats, self.start, self.step, place)
 
     def require_within(self, low: int, high: int) -> None:
-        """Refuse values in 1e-4 outside bounds of a device.
+        """Check values in 1e-4 against the bounds of a device.
 
         Raises
         ------
         ValueError
-            Names the first one, its place in the table, and the bounds.
+            A value is outside; the message names the first one, its number in the table, and the
+            bounds.
         """
         for number, value in enumerate(self.values):
             if not low <= value <= high:
@@ -100,12 +101,12 @@ class TextureTable:
 
     @classmethod
     def unpack(cls, data: bytes) -> TextureTable:
-        """Return the table of bytes made by `pack`.
+        """Return the table in bytes made by `pack`.
 
         Raises
         ------
         ValueError
-            If they are no table, or a broken one; says what is wrong with them.
+            The bytes are no table, or a damaged one; the message says why.
         """
         _require("number of bytes", len(data), _LEAST_BYTES, MAX_BYTES)
         body, crc = data[:-_CRC_BYTES], data[-_CRC_BYTES:]
@@ -129,7 +130,7 @@ def cof_at(values: Sequence[float], repeats: bool, start: int, step: int, place:
     if repeats:
         steps %= count
         number = int(steps)
-        # A remainder just below 0 may be rounded up to the whole.
+        # A remainder just below 0 may be rounded up to the full period.
         if number >= count:
             return values[0] * COF_COUNT
         after = values[(number + 1) % count]

@@ -1,4 +1,4 @@
-"""The watchdogs of the stimulator: what each watches, how soon it trips, and what it reports."""
+"""Table of the watchdogs of the stimulator: input, bound, count, and emergency of each one."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from smarttac_can.vocabulary.states import Mode
 
 ALL_MODES: Final = tuple(Mode)
 TRACKING_MODES: Final = (Mode.AMPLITUDE_RESONANCE, Mode.FRICTION, Mode.TEXTURE)
-"""Those that track the resonance."""
+"""Modes that track the resonance."""
 JUDGED_MODES: Final = tuple(mode for mode in Mode if mode not in (Mode.OFF, Mode.IDENTIFY))
-"""Those in which a vibration may lack: in the others there is no voltage, or no model yet."""
+"""Modes in which missing vibration is detected; the others have no voltage, or no model yet."""
 FORGOTTEN: Final = 20
-"""Sound cycles that make up for a faulty one, where a watchdog forgets slowly."""
+"""Number of sound cycles that cancel a faulty one in a leaky bucket."""
 STUCK_WITHIN: Final = 2
-"""Counts by which a gauge or pick-up that is stuck may still differ: noise of its converter."""
+"""Counts by which samples of a stuck gauge or pick-up may differ, due to converter noise."""
 STUCK_GAUGE_CYCLES: Final = 24
-"""Samples of gauge or pick-up in a row that are within `STUCK_WITHIN` of the first of them and then
-are a fault; 9e-11 false alarms an hour."""
+"""Samples of gauge or pick-up in a row, within `STUCK_WITHIN` of the first one, that are a fault;
+9e-11 false alarms an hour."""
 STUCK_THERMOMETER_CYCLES: Final = 100
-"""Equal samples of the thermometer in a row that are a fault. Half a count of noise leaves 0.68 of
-the samples equal; 1e-10 false alarms an hour."""
+"""Equal samples of the thermometer in a row that are a fault. With noise of half a count, 0.68 of
+the samples are equal; 1e-10 false alarms an hour."""
 SATURATED_CYCLES: Final = 2
 AMPLITUDE_CYCLES: Final = 5
 GAUGE_CYCLES: Final = 5
@@ -36,30 +36,31 @@ RESONANCE_CYCLES: Final = 100
 
 
 def sync_window(deadline_ms: int) -> int:
-    """Return the periods over which SYNCs are counted: 8 for a deadline of 3 ms."""
+    """Return the number of periods over which SYNCs are counted: 8 for a deadline of 3 ms."""
     return 2 * deadline_ms + 2
 
 
 def sync_tolerance(deadline_ms: int) -> int:
-    """Return how many SYNCs too many or too few in a window are no fault."""
+    """Return the number of SYNCs too many or too few in a window that is no fault."""
     return deadline_ms - 1
 
 
 SYNC_DRIFT_WINDOW: Final = 1000
-"""Periods over which SYNCs are counted for a drift of their clock."""
+"""Number of periods over which SYNCs are counted to detect a drift of their clock."""
 
 
 def sync_drift_tolerance(deadline_ms: int) -> int:
-    """Return how many SYNCs too many or too few in the long window are no fault.
+    """Return the number of SYNCs too many or too few in the long window that is no fault.
 
-    1 % is more than any quartz is off (0.01 %), and than an ordinary process that produces SYNC
-    leaves out (0.85 %). The deadline is how late the first or the last one may have been heard.
+    1 % is more than the error of any quartz (0.01 %), and more than the SYNCs missed by a producer
+    without real-time privileges (0.85 %). The deadline is added, as the first or the last SYNC may
+    have been received that much late.
     """
     return SYNC_DRIFT_WINDOW // 100 + deadline_ms
 
 
 class Watchdog(IntEnum):
-    """Numbers of the watchdogs: bits of Diagnosis.Present and Diagnosis.Latched."""
+    """Watchdogs; the number is the bit in Diagnosis.Present and Diagnosis.Latched."""
 
     NMT = 0
     HEARTBEAT = 1
@@ -91,11 +92,11 @@ class Watchdog(IntEnum):
 
 
 class Way(Enum):
-    """How a watchdog counts, and how it forgets."""
+    """Ways in which a watchdog counts faulty cycles, and lowers the count."""
 
     ONCE = "no count: once is enough"
     SLOWLY = f"slowly: {FORGOTTEN} sound cycles make up for a faulty one"
-    """A leaky bucket, `nodes.watches.leaked`: spread faulty cycles add up to a fault, too."""
+    """A leaky bucket, `nodes.watches.leaked`: faulty cycles with gaps add up to a fault, too."""
     IN_A_ROW = "at once"
     WINDOW = "with each window"
     TIME_OUT = "at once: the timer starts anew, as what is late has come"
@@ -105,45 +106,46 @@ class Count(NamedTuple):
     """One count of faulty cycles; a watchdog may have several."""
 
     what: str
-    """What is faulty."""
+    """Name of the condition that makes a cycle faulty."""
     way: Way
     cycles: int
-    """Faulty cycles in a row that are a fault, 1 or more."""
+    """Number of faulty cycles in a row that is a fault, 1 or more."""
     waits: bool = False
-    """Whether these are as many more as the deadline of the loop is above 3 ms."""
+    """Whether the deadline of the loop minus 3 ms is added to the number."""
     modes: tuple[Mode, ...] = ALL_MODES
-    """Modes in which it counts; it forgets all in others."""
+    """Modes in which it counts; in other modes the count is cleared."""
 
 
 class WatchdogRow(NamedTuple):
-    """What a watchdog looks at, how it counts and forgets, what it reports, and why so."""
+    """Input of a watchdog, its count, the emergency that it reports, and the reasons."""
 
     text: str
-    """What has happened; the Message of the fault."""
+    """Description of the fault, shown as the Message."""
     code: FaultCode
     register: ErrorRegister
-    """Bit of the error register beside the generic one."""
+    """Bit of the error register in addition to the generic one."""
     bound: int | str
-    """Cycles from the first faulty one to 0 V; a name where an object sets it."""
+    """Cycles from the first faulty one to 0 V; the name of an object if that sets it."""
     why: str
-    """Why that many."""
+    """Reason for the bound."""
     way: Way
     rule: str = ""
-    """What differs from that way, and why so; it follows its text."""
+    """Difference from the way of counting, with its reason; it is appended to the text of the
+    way."""
     limit: str = ""
-    """Object that holds the limit."""
+    """Object with the limit."""
     looks_at: str = ""
-    """What is supervised, and in which states or modes if not in all."""
+    """Supervised values, and the states or modes in which they are supervised, if not all."""
     counts: tuple[Count, ...] = ()
-    """Those that are stepped in every cycle."""
+    """Counts that are stepped in every cycle."""
     lasting: bool = True
-    """Whether the fault stays present until something better comes, and blocks the reset."""
+    """Whether the fault stays present until a sound value comes, and blocks the reset."""
     shown: bool = False
-    """Whether the Message says so while nothing is latched, too: somebody has to mend it."""
+    """Whether the Message shows the fault even if nothing is latched, because it needs action."""
 
     @property
     def forgets(self) -> str:
-        """What a sound cycle or frame does to the count."""
+        """Effect of a sound cycle or frame on the count."""
         return self.way.value + self.rule
 
 
@@ -407,7 +409,7 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         lasting=False,
     ),
 }  # fmt: skip
-"""Every watchdog."""
+"""Rows of all watchdogs."""
 REPORTED_BY_PLATE: Final[dict[int, Watchdog]] = {
     WATCHDOGS[watchdog].code: watchdog
     for watchdog in (
@@ -419,7 +421,7 @@ REPORTED_BY_PLATE: Final[dict[int, Watchdog]] = {
         Watchdog.NOT_ENABLED,
     )
 }
-"""Those that a plate node trips itself, by the codes of its emergency messages."""
+"""Watchdogs that a plate node trips itself, by the codes of its emergency messages."""
 OF_LATE_DRIVES: Final = frozenset(
     (
         Watchdog.AMPLITUDE,
@@ -429,7 +431,7 @@ OF_LATE_DRIVES: Final = frozenset(
         Watchdog.UNSEEN,
     )
 )
-"""Those that trip when the plate goes on with an older drive; the Message then says so."""
+"""Watchdogs that may trip because the plate keeps an older drive; the Message then mentions it."""
 
 _EVENT_DRIVEN: Final = frozenset(
     (
@@ -442,11 +444,11 @@ _EVENT_DRIVEN: Final = frozenset(
     )
 )
 CYCLIC: Final = sum(1 << watchdog for watchdog in Watchdog if watchdog not in _EVENT_DRIVEN)
-"""Bits of those that look at every cycle."""
+"""Bits of the watchdogs that check every cycle."""
 
 
 def watchdogs_in(bits: int) -> list[Watchdog]:
-    """List the watchdogs whose bits are set, in the order of their numbers."""
+    """Return the watchdogs whose bits are set, in the order of their numbers."""
     return [watchdog for watchdog in Watchdog if bits >> watchdog & 1]
 
 
@@ -470,13 +472,13 @@ COUNTED: Final = (
     Watchdog.UNSEEN,
     Watchdog.MISSED_TIME,
 )
-"""Those that measure or count, so that one can see how near a fault is; others are events."""
+"""Watchdogs with a measured or counted level; the others are events."""
 PLATE_COUNTED: Final = ("deadline", "wrong checks", "temperature", "voltage")
-"""What the plate watches itself, in the same way."""
+"""Watchdogs of the plate itself that have a level."""
 
 
 def level(value: float, limit: float) -> float:
-    """Return how near a value is to its limit, 1.0; any value above 0 is beyond a limit of 0."""
+    """Return the level of a value, 1.0 at its limit; inf for a value above 0 with a limit of 0."""
     if limit:
         return value / limit
     return inf if value > 0 else 0.0
