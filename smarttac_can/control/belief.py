@@ -1,9 +1,9 @@
-"""What two measurements tell of the plate: an iterated extended Kalman filter of four numbers.
+"""Estimation of the plate from two measurements: an iterated extended Kalman filter, four states.
 
-They are the logarithms of kappa and 1/tau, so that neither can change sign, the angular resonance
-at rest, and by how much it falls with the amplitude, each against the model's. Over a part of a
-tick the resonance is taken to be that of a mean amplitude. The functions are plain ones of floats
-and named tuples.
+The states are differences from the model: the logarithms of kappa and of 1/tau, so that neither can
+change sign, the angular resonance at rest, and its fall with the amplitude (softening). Within a
+part of a tick the resonance is that of a mean amplitude. All functions are pure, with floats and
+named tuples.
 """
 
 from __future__ import annotations
@@ -16,45 +16,49 @@ from smarttac_can.vocabulary.signals import TICK
 
 TWO_PI: Final = 2.0 * pi
 KAPPA_SPREAD: Final = 0.12
-"""Standard uncertainty of the model's kappa, as a fraction: 20 % of gain at most, uniform."""
+"""Standard uncertainty of the model's kappa as a fraction: uniform, with 20 % of gain at most."""
 RATE_SPREAD: Final = 0.10
-"""The same of 1/tau."""
+"""Standard uncertainty of the model's 1/tau as a fraction."""
 W0_SPREAD: Final = TWO_PI * 60.0
-"""Standard uncertainty of the model's resonance in rad/s; that it may be 200 Hz off is learned
-in a tick, because the phase of W tells it."""
+"""Standard uncertainty of the model's resonance in rad/s. An error of 200 Hz is learned in one
+tick, as the phase of W shows it."""
 SOFTENING_SPREAD: Final = TWO_PI * 60e6
 """Standard uncertainty of the model's softening in rad/(s m)."""
 _KEEP_KAPPA: Final = 0.9999
-"""What is left after a tick of what was learned of kappa: 10 s. A finger does not change it."""
+"""Fraction of the learned kappa that is left after a tick: 10 s. A finger does not change kappa."""
 _KEEP_RATE: Final = 0.95
-"""The same of 1/tau: 20 ms. A finger changes it as it presses and slides."""
+"""Fraction of the learned 1/tau that is left after a tick: 20 ms. A pressing or sliding finger
+changes 1/tau."""
 _KEEP_W0: Final = 0.9999
 _KEEP_SOFTENING: Final = 0.99999
-"""The same of the softening: 100 s. It tells how the resonance falls at the next step."""
+"""Fraction of the learned softening that is left after a tick: 100 s. It predicts the resonance
+after the next step."""
 _SHIFT: Final = 200.0
-"""Uncertainty of the resonance in rad/s when 1/tau has changed e-fold: a finger is stiff, too."""
+"""Uncertainty of the resonance in rad/s when 1/tau has changed by the factor e, as a finger also
+adds stiffness."""
 _NOISE: Final = 1e-9
-"""Standard uncertainty in m of an axis of the pick-up."""
+"""Standard uncertainty in m of each axis of the pick-up."""
 _UNMODELLED: Final = 1e-3
-"""That of a prediction of W, as a fraction: what a finger does within a tick."""
+"""Standard uncertainty of a prediction of W as a fraction, for changes of the finger within a
+tick."""
 _JITTER: Final = 60e-6
-"""That of the instant in s at which a drive takes force. It keeps a wrong dead time
-from being taken for another plate."""
+"""Standard uncertainty in s of the instant at which a drive takes effect. It prevents that a wrong
+dead time is learned as a different plate."""
 _FARTHEST: Final = 1.0
-"""Bound of the two logarithms: a factor of 2.7."""
+"""Bound of both logarithms: a factor of 2.7."""
 _FARTHEST_W0: Final = TWO_PI * 2000.0
 _FARTHEST_SOFTENING: Final = TWO_PI * 1e9
 _ABSURD: Final = 1e3
-"""Bound of the logarithms before they are cut to what a plate can be."""
+"""Bound of the logarithms above which the estimate is discarded instead of clipped."""
 _PASSES: Final = 3
 _MOVED: Final = 0.02
-"""Change of the logarithms above which it is linearised anew."""
+"""Change of the logarithms above which the filter linearises again."""
 _MISSED_FROM: Final = 100e-9
-"""Error in m of a prediction from which a drive may have been lost: less does no harm."""
+"""Error of a prediction in m above which a lost drive is considered; a smaller one does no harm."""
 _MISSED_SHARE: Final = 0.1
-"""Largest share of it that is left once the drive before is taken to have lasted."""
+"""Largest fraction of the error, along it, that may remain under the assumption of a lost drive."""
 _MISSED_TURNED: Final = 0.3
-"""The same across it: by a softening that is hardly known yet."""
+"""Largest such fraction across the error; a softening that is still unknown causes it."""
 _KAPPA_VARIANCE: Final = KAPPA_SPREAD * KAPPA_SPREAD
 _RATE_VARIANCE: Final = RATE_SPREAD * RATE_SPREAD
 _W0_VARIANCE: Final = W0_SPREAD * W0_SPREAD
@@ -66,7 +70,7 @@ _SS: Final = _KEEP_SOFTENING * _KEEP_SOFTENING
 
 
 class PlateNow(NamedTuple):
-    """The plate in one tick."""
+    """Parameters of the plate in one tick."""
 
     kappa: float
     """K/tau in m/(V s)."""
@@ -75,20 +79,20 @@ class PlateNow(NamedTuple):
     w0: float
     """Angular resonance at rest in rad/s."""
     softening: float
-    """By how much it falls with the amplitude, in rad/(s m)."""
+    """Fall of the resonance with the amplitude in rad/(s m)."""
 
 
 class Belief(NamedTuple):
-    """How far the plate is from its model, and the covariance of that."""
+    """Differences between the plate and its model, and their covariance."""
 
     kappa: float
-    """ln of kappa over the model's."""
+    """ln of kappa divided by the model's."""
     rate: float
-    """ln of 1/tau over the model's."""
+    """ln of 1/tau divided by the model's."""
     w0: float
-    """Angular resonance less the model's in rad/s."""
+    """Angular resonance minus the model's in rad/s."""
     softening: float
-    """Softening less the model's in rad/(s m)."""
+    """Softening minus the model's in rad/(s m)."""
     kk: float
     kr: float
     kw: float
@@ -102,7 +106,7 @@ class Belief(NamedTuple):
 
 
 class Span(NamedTuple):
-    """The drives between two measurements: the first until the dead time is over."""
+    """The drives between two measurements; the first one acts during the dead time."""
 
     V_before: float
     w_before: float
@@ -115,11 +119,11 @@ PRIOR: Final = Belief(
     _KAPPA_VARIANCE, 0.0, 0.0, 0.0, _RATE_VARIANCE, 0.0, 0.0, _W0_VARIANCE, 0.0,
     _SOFTENING_VARIANCE,
 )  # fmt: skip
-"""The model, and nothing learned."""
+"""State before learning: the plate is the model."""
 
 
 def believed(model: PlateNow, belief: Belief) -> PlateNow:
-    """Return the plate that is believed in."""
+    """Return the estimated plate."""
     return PlateNow(
         model.kappa * exp(belief.kappa),
         model.rate * exp(belief.rate),
@@ -129,23 +133,24 @@ def believed(model: PlateNow, belief: Belief) -> PlateNow:
 
 
 class Part(NamedTuple):
-    """What a part of a tick under one drive makes of the plate: ``left W + kappa per_force V``."""
+    """Response of the plate to a part of a tick with one drive: ``left W + kappa per_force V``."""
 
     left: complex
     per_force: complex
     """phi, in s."""
     by_turn: complex
-    """Derivative of it by lambda."""
+    """Derivative of phi with respect to lambda, in s2."""
     free: float
-    """Mean amplitude in m of what is left: by that much the resonance falls."""
+    """Mean amplitude in m for the free vibration, which gives its resonance."""
     forced: float
-    """That of what the drive adds, which counts more the later it is."""
+    """Mean amplitude in m for the forced vibration, with more weight on its end."""
 
 
 def part_of(plate: PlateNow, w: float, before: float, after: float, h: float) -> Part:
-    """Return a part of a tick of h in s, at a drive of w in rad/s, between two amplitudes in m.
+    """Return the response to a part of a tick of h in s, at a drive of w in rad/s.
 
-    The amplitude is taken to go from one to the other exponentially, as at resonance.
+    The amplitude is assumed to change exponentially from ``before`` to ``after``, in m, as at
+    resonance.
     """
     decay = plate.rate * h
     free = before + (0.5 + decay / 12.0) * (after - before)
@@ -158,21 +163,21 @@ def part_of(plate: PlateNow, w: float, before: float, after: float, h: float) ->
 
 
 def part_before(plate: PlateNow, w: float, W: complex, forced: float, h: float) -> Part:
-    """Return the part of a tick until the dead time is over, under a drive of kappa V in m/s."""
+    """Return the response during the dead time, for a drive with a force kappa V in m/s."""
     size = abs(W)
     first = part_of(plate, w, size, size, h)
     return part_of(plate, w, size, abs(first.left * W + first.per_force * forced), h)
 
 
 def fade(belief: Belief, load_change: float) -> Belief:
-    """Let a tick pass: what was learned grows old, and the covariance returns to the prior's.
+    """Return the belief a tick later: what was learned fades, and the covariance nears the prior's.
 
     Parameters
     ----------
     belief
-        After the last measurement.
+        Belief after the last measurement.
     load_change
-        Change of ln 1/tau by the load of the finger since; it is as uncertain as it is large.
+        Change of ln 1/tau by the load of the finger since then. It is as uncertain as it is large.
     """
     kappa, rate, w0, softening, kk, kr, kw, ks, rr, rw, rs, ww, ws, ss = belief
     shift = _SHIFT * load_change
@@ -197,10 +202,10 @@ def fade(belief: Belief, load_change: float) -> Belief:
 def missed(
     belief: Belief, model: PlateNow, dead_time: float, W: complex, span: Span, W_next: complex
 ) -> bool:
-    """Whether W has become what the first drive of a span makes of it, and not the second.
+    """Return whether W became what the first drive of a span makes of it, instead of the second.
 
-    It is taken for a drive that was lost. So would be a pick-up that reads next to nothing, from
-    which nothing could be learned either; the watchdogs answer for that.
+    The second drive then counts as lost. A pick-up that reads almost nothing gives the same result;
+    nothing could be learned from it, and the watchdogs detect it.
     """
     size = abs(W_next)
     error = W_next - _predict(belief, model, dead_time, W, span, size)[0]
@@ -212,16 +217,16 @@ def missed(
 
 
 def first_lasting(span: Span) -> Span:
-    """Return a span in which the second drive was lost."""
+    """Return a span in which the first drive acts all the time, as the second was lost."""
     return Span(span.V_before, span.w_before, span.V_before, span.w_before)
 
 
 def learn(
     belief: Belief, model: PlateNow, dead_time: float, W: complex, span: Span, W_next: complex
 ) -> Belief:
-    """Return what is believed once W has become W_next in a tick.
+    """Return the belief after W has become W_next in a tick.
 
-    The belief is the prior if what came out is no number, or is farther off than a plate can be.
+    It is the prior if the result is not a number, or farther off than is possible for a plate.
     """
     learned = belief
     at = belief
@@ -229,7 +234,7 @@ def learn(
         predicted, late, by_kappa, by_rate, by_w0, by_softening, variance = _predict(
             at, model, dead_time, W, span, abs(W_next)
         )
-        # Seen along the axis of a wrong instant, and across, where phase is.
+        # Rotate to the axis along a wrong instant, and the one across, which shows the phase.
         size = abs(late)
         if size > 0.0:
             along = late.conjugate() / size
@@ -248,7 +253,7 @@ def learn(
         )
         slopes = (by_kappa.real, by_rate.real, by_w0.real, by_softening.real)
         learned = _update(belief, slopes, innovation.real, variance + size * size)
-        # The second axis is left with what the first one has not explained.
+        # The second axis gets what the first one has not explained.
         left = (
             innovation.imag
             - by_kappa.imag * (learned.kappa - belief.kappa)
@@ -270,9 +275,9 @@ def learn(
 def _predict(
     at: Belief, model: PlateNow, d: float, W: complex, span: Span, size: float
 ) -> tuple[complex, complex, complex, complex, complex, complex, float]:
-    """Return W after a tick, by what the jitter shifts it, its derivatives, and the variance.
+    """Return W after a tick, its shift by the jitter, its four derivatives, and the variance.
 
-    The size of W that was measured then tells the mean amplitude.
+    ``size`` is the measured amplitude after the tick, from which the mean amplitude follows.
     """
     plate = believed(model, at)
     kappa, rate, w0, _ = plate
@@ -297,8 +302,8 @@ def _predict(
     square = predicted.real * predicted.real + predicted.imag * predicted.imag
     jump = kappa * (V - V_before)
     late = _JITTER * jump * e
-    # The noise of both measurements, of which the older one decays by the tick; and the other of
-    # the two oscillations of eq. (1), at -w0 - w, which a jump of the voltage starts, unmodelled.
+    # Noise of both measurements, of which the older one decays during the tick; and, not modelled,
+    # the second oscillation of eq. (1), at -w0 - w, which a jump of the voltage starts.
     other = 0.5 * jump / w0
     variance = (
         _NOISE * _NOISE * (1.0 + exp(-2.0 * rate * TICK))
@@ -314,7 +319,7 @@ def _update(
     innovation: float,
     variance: float,
 ) -> Belief:
-    """Return the belief after one axis: derivatives of its prediction, innovation and variance."""
+    """Return the belief after one axis, from its derivatives, innovation and variance."""
     kappa, rate, w0, softening, kk, kr, kw, ks, rr, rw, rs, ww, ws, ss = belief
     k, r, w, s = slopes
     to_kappa = kk * k + kr * r + kw * w + ks * s
@@ -342,7 +347,7 @@ def _update(
 
 
 def _sound(belief: Belief) -> bool:
-    """Whether it is numbers, with variances above 0; NaN fails every comparison."""
+    """Return whether all are numbers, with variances above 0; NaN fails every comparison."""
     kappa, rate, w0, softening, kk, _, _, _, rr, _, _, ww, _, ss = belief
     sane = abs(kappa) + abs(rate) < _ABSURD and abs(w0) < _FARTHEST_W0
     sane = sane and abs(softening) < _FARTHEST_SOFTENING

@@ -1,4 +1,4 @@
-"""The controllers of one stimulator: plan and state of `step`, the identification and the tare."""
+"""The controllers of one stimulator: plan and state of `step`, identification and tare."""
 
 from __future__ import annotations
 
@@ -28,27 +28,27 @@ from smarttac_can.vocabulary.signals import Contact, Drive, Measurement, Setpoin
 from smarttac_can.vocabulary.states import Mode
 
 _IDENTIFY: Final = Mode.IDENTIFY
-"""To look a member up costs ten times as much as a name, and every cycle asks for this."""
+"""Module constant, as looking up an enumeration member takes ten times as long in every cycle."""
 
 
 class Cascade:
-    """What the controllers of one stimulator have between two ticks.
+    """The controllers of one stimulator, with their state between two ticks.
 
     Parameters
     ----------
     parameters
         Limits, design and calibration.
     model
-        Plate to design the loops for until one is identified.
+        Plate for which the loops are designed until one is identified.
 
     Attributes
     ----------
     mode : Mode
-        Mode that is asked for, or `Mode.OFF` once the controllers have turned themselves off.
+        Commanded mode, or `Mode.OFF` after the controllers have turned themselves off.
     reason : str
-        Why they did; empty otherwise.
+        Reason for which they did; empty otherwise.
     contact : Contact
-        The finger at the last tick.
+        Finger at the last tick.
     amplitude : float
         Measured ``|W|`` in m.
     mu_ref, E : float
@@ -57,13 +57,13 @@ class Cascade:
     limited : int
         Bits of :class:`~smarttac_can.control.vibration.Limit`.
     identification : Identification or None
-        The last one started.
+        Last identification that was started.
     tared : bool
         Whether the zeros of the gauges were measured or set.
     parameters : CascadeParameters
         Parameters in force.
     model : PlateModel
-        Plate that the loops are designed for.
+        Plate for which the loops are designed.
     """
 
     __slots__ = (
@@ -101,12 +101,12 @@ class Cascade:
 
     @property
     def plan(self) -> ControlPlan:
-        """What is regulated by."""
+        """Plan in force."""
         return self._plan
 
     @property
     def state(self) -> ControlState:
-        """The controllers after the last tick."""
+        """State of the controllers after the last tick."""
         return self._state
 
     @property
@@ -116,12 +116,12 @@ class Cascade:
 
     @property
     def W_ref(self) -> float:
-        """Amplitude reference in m; without an amplitude loop it follows ``|W|``."""
+        """Amplitude reference in m; without an amplitude loop it equals ``|W|``."""
         return self._state.W_ref
 
     @property
     def zero(self) -> Forces:
-        """Zero of S1..S6 in N, -20..20; another zero ends a touch."""
+        """Zero of S1..S6 in N, -20..20; a new zero ends a touch."""
         return self._plan.zero
 
     @zero.setter
@@ -137,25 +137,25 @@ class Cascade:
         Raises
         ------
         RuntimeError
-            If fewer than 64 samples were seen.
+            There were fewer than 64 samples.
         """
         return self._nulls.mean()
 
     def play(self, texture: Texture) -> None:
-        """Replace what mode TEXTURE plays; a table over time begins anew."""
+        """Set the texture of mode TEXTURE; a table over time starts from its beginning."""
         self._swap(self._plan._replace(texture=texture))
         self._state = self._state._replace(playing=self._state.playing._replace(ticks=0))
 
     def adopt(self, model: PlateModel) -> None:
-        """Design the loops for another plate, such as a stored one, without a bump."""
+        """Design the loops for another plate, such as a stored one, bumplessly."""
         self.model = model
         self._plan = self._planned()
         self._state = redesigned(self._plan, self._state)
 
     def configure(self, parameters: CascadeParameters) -> None:
-        """Replace the parameters, also while running, without a bump; ends an identification.
+        """Set the parameters, also while running, bumplessly; this ends an identification.
 
-        The same parameters change nothing.
+        Equal parameters have no effect.
         """
         self.swap(
             parameters,
@@ -164,7 +164,7 @@ class Cascade:
         )
 
     def swap(self, parameters: CascadeParameters, model: PlateModel, plan: ControlPlan) -> None:
-        """Replace all that the controllers go by with a plan that was built of it, without a bump.
+        """Set parameters, model and the plan that was built from them, bumplessly.
 
         Other parameters end an identification.
         """
@@ -181,12 +181,12 @@ class Cascade:
         self._state = adopted(before, plan, self._state)
 
     def set_mode(self, mode: int) -> None:
-        """Change the mode; the mode in force again changes nothing.
+        """Set the mode; the present mode has no effect.
 
         Raises
         ------
         ValueError
-            If there is no such mode.
+            There is no such mode.
         """
         chosen = Mode(mode)
         if chosen is self.mode:
@@ -202,7 +202,7 @@ class Cascade:
     def update(self, measurement: Measurement, setpoint: Setpoint) -> Drive:
         """Return the drive of this tick, in force until the next, as `control_step` computes it.
 
-        In mode IDENTIFY it is that of the identification.
+        In mode IDENTIFY it is the drive of the identification.
         """
         begins = self._state.mode != self.mode
         self._state, controlled = control_step(
@@ -212,7 +212,7 @@ class Cascade:
         if fault:
             self._turn_off(FAULTS[fault])
             return self._state.drive
-        # A named tuple's own constructor costs twice this.
+        # This takes half the time of a named tuple's own constructor.
         self.contact = tuple.__new__(Contact, contact)
         self.amplitude = amplitude
         self._nulls.add(measurement.gauges)
@@ -221,7 +221,7 @@ class Cascade:
         return self._state.drive
 
     def realised(self, drive: Drive) -> None:
-        """Go on from the drive that went out; a lower voltage than asked for is a limit."""
+        """Continue from the drive that was sent; a voltage below that asked for is limited."""
         asked = self._state.drive
         if drive.voltage < asked.voltage:
             self.limited |= AMPLITUDE
@@ -249,7 +249,7 @@ class Cascade:
             self._turn_off(f"identification: {identification.failure}")
             return self._state.drive
         self._turn_off(identification.remark)
-        # A load is not identified, and where f0 stands follows the temperature.
+        # The load is not identified, and f0 depends on the temperature.
         self.adopt(
             replace(identification.model, load=self.model.load, temperature=measurement.temperature)
         )

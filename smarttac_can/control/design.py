@@ -1,22 +1,22 @@
 """Design of the two PI controllers by pole placement on the identified plate.
 
-Held over a tick, the drive k takes effect after the dead time d, 0 <= d < Ts, until when drive
-k-1 is in force. The plant of gain K and time constant tau is then exactly ::
+The drive of tick k takes effect after the dead time d, 0 <= d < Ts; until then drive k-1 is in
+force. Sampled once per tick, the plant with gain K and time constant tau is exactly ::
 
     P(z) = (b0 z + b1) / (z (z - a)),           a = exp(-Ts/tau)
     b0 = K (1 - exp(-(Ts - d)/tau)),            b1 = K (exp(-(Ts - d)/tau) - a)
 
-The zero of ``C(z) = Kp (z - a)/(z - 1)`` cancels the plant's pole; what remains to be placed is ::
+The zero of ``C(z) = Kp (z - a)/(z - 1)`` cancels the plant's pole; what remains is ::
 
     z^2 - (1 - Kp b0) z + Kp b1 = 0
 
-A pole p asks for ``Kp = p (1 - p)/(b0 p + b1)``; the other one is then ``q = Kp b1/p``. p is the
-slower of the two, and both are real, as long as p is not below the double pole ::
+A pole p requires ``Kp = p (1 - p)/(b0 p + b1)``; the other pole is then ``q = Kp b1/p``. p is the
+slower of the two, and both are real, if p is not below the double pole ::
 
     p_c = 1 / (1 + sqrt(1 + b0/b1))
 
-which is where ``(1 - Kp b0)^2 = 4 Kp b1``. A faster p is refused by the dead time: p_c is taken,
-the fastest loop without overshoot. Without dead time b1 = 0, p_c = 0, ``Kp = (1-p)/(K (1-a))``.
+at which ``(1 - Kp b0)^2 = 4 Kp b1``. The dead time does not allow a faster p; p_c is then used, the
+fastest loop without overshoot. Without dead time b1 = 0, p_c = 0, ``Kp = (1-p)/(K (1-a))``.
 """
 
 from __future__ import annotations
@@ -29,35 +29,36 @@ from smarttac_can.vocabulary.model import GAIN_MIN, TAU_MIN, PlateModel, contact
 from smarttac_can.vocabulary.signals import TICK
 
 POLE_MAX = 0.95
-"""Slowest closed-loop pole that may be asked for: 20 ms."""
+"""Slowest closed-loop pole that can be set: 20 ms."""
 FORCE_STEP: Final = 0.05
-"""Step of the table of gains in N: a time constant of 3 % at 0.5 N."""
+"""Step of the table of gains in N; at 0.5 N it changes the time constant by 3 %."""
 ROWS: Final = 61
-"""Its last row is 3 N, beyond which the load grows slowly and a finger soon is a fault."""
+"""Rows of the table. The last one is for 3 N; above it the load grows slowly."""
 
 
 class PI(NamedTuple):
     """A PI controller ``C(z) = Kp (z - a)/(z - 1)``."""
 
     Kp: float
-    """Gain in units of the output per unit of the error; negative for a plant of negative gain."""
+    """Gain in units of the output per unit of the error; negative for a plant with negative
+    gain."""
     a: float
-    """Zero, 0..1; placed on the plant's pole."""
+    """Zero, 0..1; equal to the plant's pole."""
 
 
 class Gains(NamedTuple):
-    """Gains of both loops; they have the same zero."""
+    """Gains of both loops, which have the same zero."""
 
     amplitude: float
     """Kp of C_W in V/m."""
     resonance: float
     """Kp of C_omega in Hz."""
     a: float
-    """Zero of both, 0..1."""
+    """Zero of both loops, 0..1."""
 
 
 def dominant_pole(tau: float, pole: float, dead_time: float) -> float:
-    """Return the slower closed-loop pole reached when ``pole`` is asked for."""
+    """Return the slower closed-loop pole that results if ``pole`` is set."""
     _, b0, b1 = _plant(tau, dead_time)
     return max(pole, 1.0 / (1.0 + math.sqrt(1.0 + b0 / b1))) if b1 > 0.0 else pole
 
@@ -70,14 +71,14 @@ def amplitude_pi(model: PlateModel, pole: float, dead_time: float = 0.0) -> PI:
     model
         Identified plate.
     pole
-        Closed-loop pole wanted, 0..0.95.
+        Closed-loop pole to be set, 0..0.95.
     dead_time
         Time from the tick until the new drive is in force in s, 0 or more, below 1 ms.
 
     Raises
     ------
     ValueError
-        If the pole or the dead time is out of its range.
+        The pole or the dead time is out of its range.
     """
     return _pi(model.gain, model.tau, pole, dead_time)
 
@@ -85,7 +86,7 @@ def amplitude_pi(model: PlateModel, pole: float, dead_time: float = 0.0) -> PI:
 def resonance_pi(model: PlateModel, pole: float, dead_time: float = 0.0) -> PI:
     """Return the controller from ``-W_q/W_d`` to the excitation frequency in Hz, eq. (7).
 
-    The gain of eq. (7) is -tau in rad/s, hence -2 pi tau in Hz. Parameters and errors as for
+    The gain of eq. (7) is -tau in rad/s, or -2 pi tau in Hz. Parameters and errors are as for
     :func:`amplitude_pi`.
     """
     return _pi(_resonance_gain(model.tau), model.tau, pole, dead_time)
@@ -108,7 +109,7 @@ def _plant(tau: float, dead_time: float) -> tuple[float, float, float]:
     if not 0.0 <= dead_time < TICK:
         raise ValueError(f"dead_time {dead_time:g} is outside 0..{TICK:g}, the end excluded")
     a = math.exp(-TICK / tau)
-    # Through expm1, so that no dead time gives b1 = 0 and not a rounding error.
+    # With expm1, no dead time gives exactly b1 = 0.
     before = math.expm1(-dead_time / tau)
     b0 = 1.0 - math.exp(-(TICK - dead_time) / tau)
     b1 = -before * math.exp(-(TICK - dead_time) / tau)
@@ -119,12 +120,12 @@ def _plant(tau: float, dead_time: float) -> tuple[float, float, float]:
 def designed(
     model: PlateModel, amplitude_pole: float, resonance_pole: float, dead_time: float
 ) -> tuple[Gains, tuple[Gains, ...]]:
-    """Design both loops for the bare plate, and for the plate under a finger.
+    """Return the gains of both loops for the bare plate, and for the plate under a finger.
 
     Parameters
     ----------
     model
-        The unloaded plate, and what a finger adds.
+        Unloaded plate, with the load of a finger.
     amplitude_pole, resonance_pole, dead_time
         As for `amplitude_pi`.
 
@@ -146,5 +147,5 @@ def designed(
 
 
 def row_of(Fn: float, rows: int) -> int:
-    """Return the row of a table of so many rows for a normal force in N, 0 without a finger."""
+    """Return the row for a normal force in N, 0 without a finger, in a table with ``rows`` rows."""
     return min(int(Fn / FORCE_STEP + 0.5), rows - 1) if Fn > 0.0 else 0

@@ -1,4 +1,4 @@
-"""The outer loop C_mu: from the friction error to the amplitude reference, eq. (8) and (9)."""
+"""The outer loop C_mu: amplitude reference from the friction error, eq. (8) and (9)."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import Final
 from smarttac_can.vocabulary.states import Law
 
 _MEASURED: Final = int(Law.MEASURED)
-"""Looking a member up costs more than a step of the law."""
+"""Module constant, as looking up an enumeration member takes longer than a step of the law."""
 _ACCUMULATE: Final = int(Law.ACCUMULATE)
 
 
 def relative_error(mu: float, mu_ref: float) -> float:
-    """Return E of eq. (8) in %: by how much the COF is above its reference, above 0."""
+    """Return E of eq. (8) in %: the relative deviation of the COF from its reference, above 0."""
     return 100.0 * (mu - mu_ref) / mu_ref
 
 
@@ -24,8 +24,8 @@ def limited_step(slope: float, step_max: float, E: float) -> float:
     slope
         Step in m per % of friction error; 0.04 um in the paper.
     step_max
-        Largest step in m; 1 um in the paper. The prose around eq. (9) gives the same sign at both
-        ends; the equation, which is followed here, does not.
+        Largest step in m; 1 um in the paper. The text around eq. (9) gives the same sign at both
+        ends; the equation, which is used here, does not.
     E
         Friction error in %.
     """
@@ -39,15 +39,15 @@ def asked_amplitude(law: int, dW: float, amplitude: float, W_ref: float, W_nomin
     Parameters
     ----------
     law
-        Of `Law`: what the step is added to.
+        Number of `Law`, which determines to what the step is added.
     dW
-        Step in m, of `limited_step`.
+        Step in m from `limited_step`.
     amplitude
-        Measured ``|W|`` in m; base of the law ``measured``.
+        Measured ``|W|`` in m, the base of the law ``measured``.
     W_ref
-        The reference of the tick before in m; base of ``accumulate``.
+        Reference of the tick before in m, the base of ``accumulate``.
     W_nominal
-        The user's amplitude in m; base of ``nominal``.
+        User's amplitude in m, the base of ``nominal``.
     """
     if law == _MEASURED:
         return amplitude + dW
@@ -62,10 +62,10 @@ def is_right(right: bool, position: float, boundary: float, half: float) -> bool
     Parameters
     ----------
     right
-        Whether it was.
+        Whether it was right of the boundary before.
     position, boundary
-        In m.
+        Positions of finger and boundary in m.
     half
-        Half of the width in m of the band in which the side does not change.
+        Half of the hysteresis in m: within this distance of the boundary the side does not change.
     """
     return not position < boundary - half if right else position > boundary + half

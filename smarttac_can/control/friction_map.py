@@ -1,10 +1,10 @@
-"""What a stimulator knows of a finger: how much friction an amplitude leaves.
+"""The friction map of a finger: friction as a function of the amplitude.
 
-``ln mu = m0 + h(W)``. m0 moves with force, sweat and place; h is the shape of the friction map,
-linear between nodes, falling, 0 at W = 0. It is a mean over fingers of all sorts and three
+``ln mu = m0 + h(W)``. m0 varies with force, sweat and position. h is the shape of the friction map:
+falling, linear between nodes, and 0 at W = 0. It is the mean over many kinds of fingers plus three
 components, whose weights a Kalman filter learns from pairs of settled levels.
 
-The functions are plain ones of floats and tuples; amplitudes are in m.
+All functions are pure, with floats and tuples; amplitudes are in m.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 Nodes = tuple[float, ...]
-"""Values at 0, `SPACING`, up to `LAST` times `SPACING`."""
+"""Values at the nodes 0, `SPACING`, ... `LAST` times `SPACING`."""
 SPACING: Final = 0.25e-6
 """Distance of two nodes in m."""
 LAST: Final = 12
@@ -33,18 +33,19 @@ THIRD: Final = (
     0.0, -0.005, -0.014, -0.019, -0.018, -0.011, 0.0, 0.009, 0.015, 0.014, 0.007, -0.005, -0.020,
 )
 # fmt: on
-"""Mean and components of h, as tools/friction_shapes.py prints them."""
+"""Mean and components of h, as printed by tools/friction_shapes.py."""
 FLATTEST: Final = 0.2
-"""Least fall of h from node to node, as a share of that of the mean. Nothing that is learned makes
-the map turn round, or so flat that an error of a few % asks for one end and the other in turn."""
+"""Least fall of h from node to node, as a fraction of that of the mean. The learned map can
+therefore not rise, or be so flat that an error of a few % alternates between both ends."""
 FARTHEST: Final = 4.0
-"""Bound of a weight in standard deviations over all fingers."""
+"""Bound of a weight in standard deviations of the weights of all fingers."""
 FORGOTTEN: Final = 0.02
-"""Share of what was learned that is forgotten with each pair: speed and sweat change the shape."""
+"""Fraction of the learned weights that fades with each pair, as speed and sweat change the
+shape."""
 
 
 class Weights(NamedTuple):
-    """Weights of the three components, 1 one standard deviation, and their covariance."""
+    """Weights of the three components, in standard deviations, and their covariance."""
 
     a: float
     b: float
@@ -58,22 +59,22 @@ class Weights(NamedTuple):
 
 
 PRIOR: Final = Weights(0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 1.0)
-"""Any finger."""
+"""Weights before learning, for any finger."""
 
 
 class Plateau(NamedTuple):
-    """What a while of steady vibration came to."""
+    """Means over a period of steady vibration."""
 
     ln_mu: float
-    """Mean of the logarithm of the COF."""
+    """Mean of ln mu."""
     W: float
     """Mean amplitude in m."""
     ln_ref: float
-    """Logarithm of the reference of the COF."""
+    """ln of the reference of the COF."""
 
 
 def value(nodes: Nodes, W: float) -> float:
-    """Return the value at an amplitude, 0 or more; straight on beyond the last node."""
+    """Return the value at an amplitude, 0 or more; extrapolated linearly beyond the last node."""
     place = W / SPACING
     i = int(place)
     if i >= LAST:
@@ -82,7 +83,7 @@ def value(nodes: Nodes, W: float) -> float:
 
 
 def amplitude_for(nodes: Nodes, h: float) -> float:
-    """Return the amplitude at which a falling shape is h; straight on beyond both ends."""
+    """Return the amplitude at which a falling shape is h; extrapolated linearly at both ends."""
     i = 0
     while i < LAST - 1 and nodes[i + 1] > h:
         i += 1
@@ -90,7 +91,7 @@ def amplitude_for(nodes: Nodes, h: float) -> float:
 
 
 def shape(weights: Weights) -> Nodes:
-    """Return h at the nodes for the weights of the components."""
+    """Return h at the nodes for weights of the components."""
     h1 = _node(weights, 1, 0.0)
     h2 = _node(weights, 2, h1)
     h3 = _node(weights, 3, h2)
@@ -107,23 +108,23 @@ def shape(weights: Weights) -> Nodes:
 
 
 def _node(weights: Weights, i: int, above: float) -> float:
-    """Return h at a node, below ``above``, that of the node before."""
+    """Return h at a node, which is limited to be below that of the node before, ``above``."""
     h = MEAN[i] + weights.a * FIRST[i] + weights.b * SECOND[i] + weights.c * THIRD[i]
     most = above + FLATTEST * (MEAN[i] - MEAN[i - 1])
     return h if h < most else most
 
 
 def learned(weights: Weights, before: Plateau, after: Plateau, variance: float) -> Weights:
-    """Return the weights once two settled levels of one pass are known.
+    """Return the weights after two settled levels of one pass.
 
     Parameters
     ----------
     weights
-        Believed so far.
+        Weights so far.
     before, after
-        The two levels.
+        Both levels.
     variance
-        Of the difference of their ln mu, above 0.
+        Variance of the difference of their ln mu, above 0.
     """
     x = value(FIRST, after.W) - value(FIRST, before.W)
     y = value(SECOND, after.W) - value(SECOND, before.W)

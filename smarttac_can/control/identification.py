@@ -1,22 +1,23 @@
 """Identification of the plate from voltage steps and a frequency sweep.
 
 In the frame of the drive the plate is one complex first-order lag (eq. 6 and 7). Both fits below
-follow from it, are linear, and know nothing of the phase or size of W beforehand:
+follow from it, are linear, and need no initial phase or size of W:
 
 * After a voltage step, at constant drive, ``W[k+1] = A W[k] + c`` with
-  ``A = exp(-(1/tau + j dw) Ts)``: modulus and argument of A give tau and the detuning, but for
-  multiples of 1 kHz. Neither an offset of the pick-up nor a dead time disturbs A. Which multiple
-  it is, the steady state tells: ``dw_c = -(W_q/W_d)/tau``.
-* In steady state ``V/W = (1 + j tau (w - w0))/gain``: a straight line over w, whose real part is
-  1/gain, whose slope tau/gain and whose zero w0. A plate that softens has w0 less what it falls.
+  ``A = exp(-(1/tau + j dw) Ts)``. Modulus and argument of A give tau and the detuning, the latter
+  up to multiples of 1 kHz. Neither an offset of the pick-up nor a dead time affects A. The steady
+  state gives the multiple: ``dw_c = -(W_q/W_d)/tau``.
+* In steady state ``V/W = (1 + j tau (w - w0))/gain``: a straight line over w, with the real part
+  1/gain, the slope tau/gain and the zero w0. In a plate that softens, w0 falls with the amplitude.
 
-The steps find where and how to sweep, from wherever they start; the sweep gives the model. A finger
-changes gain and tau by the same factor: ``kappa = gain/tau`` of a plate stays. A model of the known
-kappa with a smaller tau is a loaded plate, also when a tare hides the finger from the gauges.
+The steps find where and how to sweep, from any start; the sweep gives the model. A finger changes
+gain and tau by the same factor, so ``kappa = gain/tau`` of a plate is constant. A model with the
+known kappa and a smaller tau is therefore a loaded plate, even if a tare hides the finger from the
+gauges.
 
-The model is believed if it agrees with the data sheet of the plate, and if a second, shorter sweep
-at half the voltage finds the same gain and tau: a pick-up that has lost gain, or whose gain depends
-on the amplitude, gives no model. f0 may differ between both: real plates soften.
+The model is accepted if it agrees with the data sheet of the plate, and if a second, shorter sweep
+at half the voltage finds the same gain and tau. A pick-up that has lost gain, or whose gain depends
+on the amplitude, gives no model. f0 may differ between both sweeps, as real plates soften.
 """
 
 from __future__ import annotations
@@ -32,19 +33,19 @@ from smarttac_can.vocabulary.signals import TICK, Drive
 from smarttac_can.vocabulary.states import IdentificationState
 
 W_CEILING = 1.5e-6
-"""Amplitude in m at which identification gives up; it aims well below."""
+"""Amplitude in m at which the identification gives up; it aims well below."""
 NOISE = 10e-9
-"""Noise of the pick-up in m, each axis, from which measuring takes longer in proportion."""
+"""Noise of each axis of the pick-up in m, above which measuring takes proportionally longer."""
 NOISE_MAX = 50e-9
-"""Noise in m that hides the plate."""
+"""Noise in m above which the identification gives up."""
 W_PROBE = 0.15e-6
-"""Amplitude in m that is enough for the steps."""
+"""Amplitude in m that suffices for the steps."""
 OUT_OF_NOISE = 15.0
-"""Amplitude that is enough for the steps, in standard deviations of the pick-up's noise."""
+"""Amplitude that suffices for the steps, in standard deviations of the pick-up's noise."""
 LEAST_OUT_OF_NOISE = 5.0
-"""The same where V_max gives no more."""
+"""The same, if V_max does not allow more."""
 W_SWEEP = 0.8e-6
-"""Amplitude in m aimed at in the middle of the sweep."""
+"""Amplitude in m at the middle of the sweep."""
 REST_TICKS = 80
 OFFSET_TICKS = 16
 PROBE_TICKS = 12
@@ -64,15 +65,15 @@ A_MAX = math.exp(-TICK / 1e-2)
 """Bounds of abs(A): lags of 0.09 ms, far too short for the tick, and of 10 ms."""
 SWEEP_POINTS = 17
 SWEEP_SETTLING = 7.0
-"""Ticks between two frequencies, in time constants."""
+"""Ticks after a change of frequency, in time constants."""
 SWEEP_TICKS = 12
 SWEEPS = 4
 CHECK_POINTS = 7
-"""Frequencies of the second sweep."""
+"""Number of frequencies of the second sweep."""
 CHECK_SHARE = 0.5
-"""Voltage of the second sweep over that of the first."""
+"""Ratio of the voltage of the second sweep to that of the first."""
 LINEAR = 0.05
-"""Largest relative difference in gain and tau between both sweeps, beyond that of the noise."""
+"""Largest relative difference of gain and tau between both sweeps, in addition to the noise."""
 SAME = 1.25
 """Ratio of the tau that a sweep finds to the one it was laid out for, up to which it counts."""
 SOFTENING_MIN = 10e6
@@ -85,49 +86,49 @@ RESIDUAL_MAX = 0.05
 """Largest relative deviation of the sweep from the model, beyond that of the noise, that is taken
 for a resonance."""
 RESIDUAL_NOISE = 5.0
-"""Standard deviations of a point of the sweep that are taken for noise."""
+"""Standard deviations of a point of the sweep that count as noise."""
 LOAD_KAPPA = 0.1
-"""Largest relative difference of kappa that is taken for the same plate."""
+"""Largest relative difference of kappa for the same plate."""
 LOAD_TAU = 0.9
-"""Share of the known tau below which the same plate is loaded."""
+"""Fraction of the known tau below which the same plate counts as loaded."""
 
 Procedure = Generator[Drive, complex, PlateModel]
 Samples = Generator[Drive, complex, list[complex]]
 
 
 class _Sweep(NamedTuple):
-    """How a range of frequencies is swept."""
+    """Parameters of a sweep over a range of frequencies."""
 
     low: float
     high: float
     settling: int
-    """Ticks after which a point counts."""
+    """Ticks for which a point settles before it is measured."""
     ticks: int
-    """Ticks of a point that count."""
+    """Ticks for which a point is measured."""
     offset: complex
-    """What the pick-up reads at rest, in m."""
+    """Reading of the pick-up at rest in m."""
     noise: float
     """Standard deviation of a point in m."""
 
 
 class IdentificationError(Exception):
-    """The plate could not be identified; the message says why in one line."""
+    """The plate could not be identified; the message gives the reason in one line."""
 
 
 class Identification:
-    """Identification of the unloaded plate, one tick at a time; 0.9 s at tau = 1 ms.
+    """Identification of the unloaded plate, one tick at a time; it takes 0.9 s at tau = 1 ms.
 
-    A start further off than 300 Hz takes some 0.4 s more.
+    A start more than 300 Hz off takes about 0.4 s more.
 
     Parameters
     ----------
     known
-        The plate as it is known so far: of the same kappa and a smaller tau it would be loaded.
+        Model of the plate so far. A result with the same kappa and a smaller tau is a loaded plate.
     frequency
-        Where to start in Hz; the resonance may be anywhere within the limits.
+        Start frequency in Hz; the resonance may be anywhere within the limits.
     parameters
-        Largest voltage, limits of the frequency, and data sheet of the plate. The voltages used
-        follow from the response.
+        Largest voltage, limits of the frequency, and data sheet of the plate. The voltages follow
+        from the response.
     """
 
     __slots__ = ("_procedure", "_started", "failure", "model", "progress", "remark", "state")
@@ -135,23 +136,23 @@ class Identification:
     def __init__(self, known: PlateModel, frequency: float, parameters: CascadeParameters) -> None:
         self.state = IdentificationState.RUNNING
         self.model: PlateModel | None = None
-        """The plate, once the state is DONE."""
+        """Identified plate, if the state is DONE."""
         self.failure = ""
-        """Why it failed, once the state is FAILED."""
+        """Reason of the failure, if the state is FAILED."""
         self.remark = ""
-        """What to correct, although the plate was identified."""
+        """Parameter to correct, although the plate was identified; empty for none."""
         self.progress = 0.0
-        """Fraction of the procedure that is over, 0..1; 1 when it ended, however."""
+        """Progress, 0..1; 1 after any end."""
         self._started = False
         start = parameters.clip_frequency(frequency)
         self._procedure = self._identify(known, start, parameters)
 
     def update(self, W: complex) -> Drive | None:
-        """Take the vibration of this tick and return its drive; None once it is over."""
+        """Take the vibration of this tick and return its drive; None after the end."""
         if self.state is not IdentificationState.RUNNING:
             return None
         try:
-            # The first measurement belongs to a drive that is not ours.
+            # The first measurement belongs to a drive from before the identification.
             drive = self._procedure.send(W) if self._started else next(self._procedure)
         except StopIteration as end:
             self.model = end.value
@@ -165,7 +166,7 @@ class Identification:
         return drive
 
     def fail(self, reason: str) -> None:
-        """End without a model; nothing happens once it is over."""
+        """End without a model; no effect after the end."""
         if self.state is not IdentificationState.RUNNING:
             return
         self.failure = reason
@@ -226,7 +227,7 @@ class Identification:
         raise IdentificationError(f"resonance {f0:.0f} Hz is outside {f_min:.0f}..{f_max:.0f}")
 
     def _sweep(self, V: float, sweep: _Sweep, count: int) -> Procedure:
-        """Return the model that fits the mean vibration at each frequency, once settled."""
+        """Return the model that fits the mean vibration at each frequency after settling."""
         low, high, settling, ticks, offset, noise = sweep
         points: list[tuple[float, complex]] = []
         begin, end = (0.4, 0.8) if count == SWEEP_POINTS else (0.8, 1.0)
@@ -239,7 +240,7 @@ class Identification:
 
 
 def _hold(V: float, f: float, ticks: int) -> Samples:
-    """Keep a drive for some ticks and return the vibration after each."""
+    """Keep a drive for some ticks, and return the vibration after each."""
     drive = Drive(V, f)
     samples = []
     for _ in range(ticks):
@@ -255,7 +256,7 @@ def _hold(V: float, f: float, ticks: int) -> Samples:
 def _probe(
     V_max: float, f: float, offset: complex, noise: float
 ) -> Generator[Drive, complex, float]:
-    """Double the voltage until the plate vibrates enough; return one that stands out of noise."""
+    """Double the voltage until the plate vibrates enough; return one well above the noise."""
     enough = OUT_OF_NOISE * noise
     W = 0.0
     for level in range(PROBE_LEVELS + 1):
@@ -328,8 +329,8 @@ def _unbiased(product: complex, square: float, next_square: float) -> float:
 def _fit_sweep(V: float, points: list[tuple[float, complex]], noise: float) -> PlateModel:
     """Fit the straight line V/W over the frequency, weighted by its variance.
 
-    Its imaginary part is one over ``f - f0 + softening |W|``, so the amplitudes of one sweep, which
-    differ by 30 %, tell the softening.
+    Its imaginary part is proportional to ``f - f0 + softening |W|``. The amplitudes of one sweep
+    differ by 30 %, which gives the softening.
     """
     weights = [abs(W) ** 4 for _, W in points]
     total = math.fsum(weights)
@@ -355,7 +356,7 @@ def _fit_sweep(V: float, points: list[tuple[float, complex]], noise: float) -> P
     softening = 0.0
     if determinant > 0.0 and (bent := aa * fz - fa * az) > 0.0:
         found = (ff * az - fa * fz) / bent
-        # A point is as unsure as its weight says: V noise/|W|^2.
+        # The uncertainty of a point follows from its weight: V noise/|W|^2.
         unsure = RESIDUAL_NOISE * V * noise * math.sqrt(ff * determinant) / bent
         if abs(found) > max(SOFTENING_MIN, unsure):
             slope, softening = bent / determinant, found
@@ -377,7 +378,7 @@ def _fit_sweep(V: float, points: list[tuple[float, complex]], noise: float) -> P
 
 
 def _require_unloaded(model: PlateModel, known: PlateModel) -> None:
-    """Refuse a model whose gain and tau are smaller than known by one factor: that is a finger."""
+    """Refuse a model with gain and tau below the known ones by one factor: it has a finger."""
     tau, gain = model.tau / known.tau, model.gain / known.gain
     if abs(gain / tau - 1.0) <= LOAD_KAPPA and tau < LOAD_TAU:
         raise IdentificationError(
@@ -387,7 +388,7 @@ def _require_unloaded(model: PlateModel, known: PlateModel) -> None:
 
 
 def _require_data_sheet(model: PlateModel, p: CascadeParameters) -> None:
-    """Refuse a model that the plate of the data sheet cannot have."""
+    """Refuse a model outside the tolerance of the data sheet."""
     for name, found, sheet, unit, per in (
         ("gain", model.gain, p.sheet_gain, "nm/V", 1e9),
         ("tau", model.tau, p.sheet_tau, "ms", 1e3),
@@ -402,12 +403,12 @@ def _require_data_sheet(model: PlateModel, p: CascadeParameters) -> None:
 
 
 def _require_linear(model: PlateModel, check: PlateModel, noise: float) -> None:
-    """Refuse a plate whose gain or tau depends on the amplitude: its pick-up is not linear.
+    """Refuse a plate whose gain or tau depends on the amplitude, as its pick-up is not linear.
 
     Parameters
     ----------
     model, check
-        What both sweeps have found.
+        Models of both sweeps.
     noise
         Relative standard deviation of a point of the second sweep.
     """

@@ -1,4 +1,4 @@
-"""The parameters of the cascade, checked."""
+"""The parameters of the cascade, with their ranges."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ from smarttac_can.vocabulary.states import Law, VibrationLaw
 
 @dataclass(frozen=True, slots=True)
 class CascadeParameters:
-    """What an integrator may set, in SI units.
+    """Parameters that an integrator can set, in SI units.
 
     Raises
     ------
     ValueError
-        Names the first value that is out of its range, and the range.
+        A value is out of its range; the message names the first one and its range.
     """
 
     vibration_law: VibrationLaw = VibrationLaw.PI
-    """How amplitude and resonance are regulated."""
+    """Law of the amplitude and resonance loops."""
     amplitude_pole: float = 0.2
     """Closed-loop pole of the amplitude loop, 0..0.95; a design choice that gives Fig. 5."""
     resonance_pole: float = 0.3
     """Closed-loop pole of the resonance loop, 0..0.95; a design choice that gives Fig. 5."""
     law: Law = Law.MEASURED
-    """What the step of eq. (9) is added to, or the friction map instead of it."""
+    """Friction law: to what the step of eq. (9) is added, or the friction map."""
     slope: float = 0.04e-6
     """Step of the amplitude in m per % of friction error, 0..1e-6; paper eq. (9)."""
     step_max: float = 1e-6
     """Largest step of the amplitude in m, 0..10e-6; paper eq. (9)."""
     contact_force: float = 0.1
-    """Normal force in N from which a finger touches, 0.01..10; an assumption."""
+    """Normal force in N above which a finger touches, 0.01..10; an assumption."""
     hysteresis: float = 1e-3
-    """Width in m of the band around the boundary in which the side is kept, 0..0.05."""
+    """Hysteresis in m around the boundary, in which the side does not change, 0..0.05."""
     V_max: float = 150.0
     """Largest voltage in V, 0..500; an assumption."""
     W_max: float = 3e-6
@@ -45,21 +45,22 @@ class CascadeParameters:
     f_max: float = 44000.0
     """Highest excitation frequency in Hz, f_min..1e6."""
     sheet_gain: float = 50e-9
-    """Gain of the plate by its data sheet in m peak-to-peak per V, 1e-9..1e-6; an assumption."""
+    """Gain of the plate in its data sheet in m peak-to-peak per V, 1e-9..1e-6; an assumption."""
     sheet_tau: float = 0.944e-3
-    """Time constant of the plate by its data sheet in s, 1e-4..1e-2."""
+    """Time constant of the plate in its data sheet in s, 1e-4..1e-2."""
     sheet_tolerance: float = 0.1
-    """Relative difference from the data sheet up to which a plate is identified, 0.01..0.5; an
-    assumption."""
+    """Largest relative difference from the data sheet with which a plate is identified, 0.01..0.5;
+    an assumption."""
     preview: float = 1.5e-3
-    """Time in s by which the reference of a texture is ahead of the finger, 0..0.02: what the COF
-    takes to follow it, besides the dead time."""
+    """Time in s by which the reference of a texture is ahead of the finger, 0..0.02: the delay of
+    the COF behind its reference, in addition to the dead time."""
     dead_time: float = 0.0
-    """Time from the tick until the new drive is in force in s, 0..999e-6: it ends in the tick."""
+    """Time from the tick until the new drive is in force in s, 0..999e-6, so that it is in the
+    tick."""
     lateral: Matrix = ((1.0, 0.0), (0.0, 1.0))
     """Calibration ``(Fx, Fy) = lateral (S1, S2)``, elements -10..10."""
     gauge_positions: tuple[float, float, float, float] = (-28e-3, 28e-3, -28e-3, 28e-3)
-    """Where S3..S6 stand along x in m from the middle of the plate, -0.038..0.038."""
+    """Positions of S3..S6 along x in m from the middle of the plate, -0.038..0.038."""
     gauge_noise: float = 4.3e-3
     """Standard uncertainty of one gauge in N, 0..1: u(mu) is 0.011 at 0.5 N and mu 0.4."""
 

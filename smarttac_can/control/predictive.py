@@ -1,12 +1,13 @@
-"""Predictive vibration control: one step of a complex plate that is learned on the way.
+"""Predictive vibration control: one step with a complex plate model that is learned meanwhile.
 
 With ``lambda = -1/tau + j (w0 - w)`` and ``kappa = K/tau`` the plate of eq. (6) and (7) is, in the
-frame of the drive voltage, ``W' = lambda W + kappa V``. Held over a time h it moves exactly to ::
+frame of the drive voltage, ``W' = lambda W + kappa V``. A constant drive over a time h gives
+exactly ::
 
     e^(lambda h) W + kappa phi(lambda, h) V,        phi(lambda, h) = (e^(lambda h) - 1)/lambda
 
-The drive of tick k takes force after the dead time d, with W where the drive before has brought it.
-Of all voltages that one is put out which brings ``|W|`` to its reference a tick later.
+The drive of tick k takes effect after the dead time d, at the W that the drive before has produced.
+The law puts out the voltage that brings ``|W|`` to its reference one tick later.
 """
 
 from __future__ import annotations
@@ -32,16 +33,16 @@ from smarttac_can.vocabulary.model import F0_SLOPE, PlateModel, contact_load, de
 from smarttac_can.vocabulary.signals import TICK, Drive
 
 LEAST_POLE: Final = 0.1
-"""Share of an error that is left on purpose: margin for a wrong dead time."""
+"""Fraction of an error that is left intentionally, as a margin for a wrong dead time."""
 CAUTION: Final = 1.0
-"""Standard uncertainties of what a volt does by which a step is held back."""
+"""Factor by which the uncertainty of the response to a volt reduces a step."""
 LEARN_MIN: Final = 20e-9
-"""Vibration in m from which it learns: an offset of the pick-up, 5 nm, would be taken for a plate
-that does not die down."""
+"""Vibration in m above which the law learns. Below it an offset of the pick-up, 5 nm, would look
+like a plate whose vibration does not decay."""
 _FORCE_SHARE: Final = 0.3
-"""Share of a new normal force that is believed in a tick: its noise would be one of the voltage."""
+"""Filter factor of the normal force per tick, as its noise would become noise of the voltage."""
 _TEMPERATURE_SHARE: Final = 0.01
-"""The same of the thermometer: a plate needs seconds, so what jumps is a fault."""
+"""Filter factor of the thermometer per tick. A plate needs seconds, so a jump is a fault."""
 _WARMEST: Final = 150.0
 
 
@@ -53,13 +54,13 @@ def voltage_for(
     Parameters
     ----------
     plate, belief
-        What is believed, and how surely.
+        Estimated plate, and its uncertainty.
     dead_time
         Time in s until the new drive is in force.
     W
         Vibration in m in this tick.
     span
-        The drive until then; of the new one the angular frequency.
+        Drive until then, and the angular frequency of the new one.
     W_ref
         Reference of ``|W|`` in m.
     """
@@ -73,7 +74,7 @@ def voltage_for(
     pole = _held_back(belief, -plate.rate * by_turn.real, -by_turn.imag)
     goal = pole * abs(W) + (1.0 - pole) * W_ref
     free, per_volt = part.left * W, kappa * part.per_force
-    # |free + per_volt V|^2 = goal^2; without a root, as near as it gets.
+    # |free + per_volt V|^2 = goal^2; without a root, the nearest value.
     square = per_volt.real * per_volt.real + per_volt.imag * per_volt.imag
     half = free.real * per_volt.real + free.imag * per_volt.imag
     root = half * half - square * (free.real * free.real + free.imag * free.imag - goal * goal)
@@ -81,14 +82,14 @@ def voltage_for(
 
 
 def _held_back(belief: Belief, by_rate: float, by_w0: float) -> float:
-    """Return the share of an error to leave, from how unsure it is what a volt does.
+    """Return the fraction of an error to leave, from the uncertainty of the response to a volt.
 
     Parameters
     ----------
     belief
-        With its covariance.
+        Belief with its covariance.
     by_rate, by_w0
-        Derivatives of the logarithm of what a volt does; that by kappa is 1.
+        Derivatives of the logarithm of the response to a volt; that with respect to kappa is 1.
     """
     variance = (
         belief.kk
@@ -101,48 +102,48 @@ def _held_back(belief: Belief, by_rate: float, by_w0: float) -> float:
 
 
 class Prior(NamedTuple):
-    """What is known before the first measurement: the model, and the dead time."""
+    """Knowledge before the first measurement: the model, and the dead time."""
 
     kappa: float
     """K/tau in m/(V s)."""
     tau: float
-    """Of the bare plate in s."""
+    """Time constant of the bare plate in s."""
     load: float
     f0: float
-    """In Hz."""
+    """Resonance in Hz."""
     temperature: float
-    """In degC at which f0 applies."""
+    """Temperature in degC at which f0 applies."""
     softening: float
-    """In rad/(s m)."""
+    """Fall of the resonance with the amplitude in rad/(s m)."""
     dead_time: float
     """Time from the tick until the new drive is in force in s, 0 or more, below 1 ms."""
 
 
 class Learned(NamedTuple):
-    """The law after a tick."""
+    """State of the law after a tick."""
 
     belief: Belief
-    """Against the model."""
+    """Differences from the model."""
     plate: PlateNow
-    """The plate it works with."""
+    """Estimated plate."""
     W: complex
     """Vibration of the tick in m."""
     drive: Drive
-    """Which was in force then, if it follows anything."""
+    """Drive that was in force then; valid if `follows`."""
     follows: bool
     """Whether the next measurement follows from this one and the drives."""
     held: bool
-    """Whether only one measurement was seen: two tell what a drive does."""
+    """Whether there was only one measurement; two are needed to know the effect of a drive."""
     rate: float
     """1/tau in 1/s of the model under the finger."""
     contact: float
-    """Of `contact_load`, filtered."""
+    """Contact as in `contact_load`, filtered."""
     temperature: float
-    """Of the plate in degC, filtered; NaN before the first that was believed."""
+    """Plate temperature in degC, filtered; NaN before the first plausible one."""
 
 
 def unlearned(prior: Prior) -> Learned:
-    """Return the law before its first measurement."""
+    """Return the state before the first measurement."""
     rate = decay_rate(prior.load, prior.tau, 0.0)
     plate = PlateNow(prior.kappa, rate, TWO_PI * prior.f0, prior.softening)
     return Learned(PRIOR, plate, 0j, Drive(0.0, prior.f0), False, True, rate, 0.0, nan)
@@ -151,20 +152,20 @@ def unlearned(prior: Prior) -> Learned:
 def observed(
     prior: Prior, learned: Learned, W: complex, drive: Drive, Fn: float, temperature: float
 ) -> Learned:
-    """Return what is known after the measurement of a tick.
+    """Return the state after the measurement of a tick.
 
     Parameters
     ----------
     prior, learned
-        What was known.
+        Model, and state after the tick before.
     W
         Vibration in m.
     drive
-        The drive that answered the tick before. It is in force unless it was lost, as W then tells.
+        Drive that answered the tick before. It is in force unless W shows that it was lost.
     Fn
         Normal force of the finger in N, 0 without contact.
     temperature
-        Of the plate in degC; one that no plate has is not believed.
+        Plate temperature in degC; an impossible value is ignored.
     """
     belief, _, W_before, before, follows, _, rate_before, contact, warmth = learned
     if -_WARMEST < temperature < _WARMEST:
@@ -189,13 +190,13 @@ def observed(
 
 
 def interrupted(learned: Learned) -> Learned:
-    """Return the law once a tick is missing: what comes next does not follow from what was."""
+    """Return the state after a missing tick: the next measurement does not follow from this one."""
     belief, plate, W, drive, _, held, rate, contact, temperature = learned
     return Learned(belief, plate, W, drive, False, held, rate, contact, temperature)
 
 
 def resonance_of(learned: Learned) -> float:
-    """Return the resonance in Hz where it is believed to be; at first the frequency in force."""
+    """Return the estimated resonance in Hz; after a single measurement the frequency in force."""
     if learned.held and learned.follows:
         return learned.drive.frequency
     plate = learned.plate
@@ -205,16 +206,16 @@ def resonance_of(learned: Learned) -> float:
 def asked_voltage(prior: Prior, learned: Learned, W_ref: float, frequency: float) -> float:
     """Return the voltage in V, before its limits.
 
-    After a single measurement it is the one in force: two are needed to know what it does.
+    After a single measurement it is the voltage in force, as two are needed to know its effect.
 
     Parameters
     ----------
     prior, learned
-        What is known.
+        Model, and state after this tick.
     W_ref
         Reference of ``|W|`` in m.
     frequency
-        Excitation frequency in Hz that goes out with it.
+        Excitation frequency in Hz of the same drive.
     """
     if not learned.follows:
         return 0.0
@@ -226,7 +227,7 @@ def asked_voltage(prior: Prior, learned: Learned, W_ref: float, frequency: float
 
 
 def prior_of(model: PlateModel, dead_time: float) -> Prior:
-    """Return what is known of a plate by its model."""
+    """Return the knowledge about a plate from its model."""
     m = model
     softening = TWO_PI * m.softening
     return Prior(m.gain / m.tau, m.tau, m.load, m.f0, m.temperature, softening, dead_time)

@@ -1,11 +1,11 @@
-"""Predictive friction control: the amplitude by the finger's friction map, learned on the way.
+"""Predictive friction control: amplitude from a friction map that is learned meanwhile.
 
-``W_ref = h^-1(ln mu_ref - m0)``: the step that a new reference asks for is made
-at once, by what is known of the finger, and what remains is regulated away by m0. The COF that is
-measured comes late, by the force path of flexure and filter. So does the one that is expected,
-which goes through a model of that path: the lag is no error, and m0 does not answer to it.
+``W_ref = h^-1(ln mu_ref - m0)``. A new reference changes the amplitude at once, by the learned map;
+m0 then removes the remaining error. The measured COF is delayed by the force path, flexure and
+filter. The expected COF passes a model of that path, so that the delay is no error, and m0 does not
+react to it.
 
-The functions are plain ones of floats and named tuples.
+All functions are pure, with floats and named tuples.
 """
 
 from __future__ import annotations
@@ -26,54 +26,56 @@ from smarttac_can.control.friction_map import (
 from smarttac_can.vocabulary.signals import TICK
 
 PATH_FREQUENCY: Final = 100.0
-"""Natural frequency in Hz that is assumed of the force path, an assumption as in the plate."""
+"""Assumed natural frequency of the force path in Hz, as in the plate."""
 PATH_DAMPING: Final = 0.7
-"""Its damping ratio, an assumption."""
+"""Assumed damping ratio of the force path."""
 POLE: Final = 0.07
-"""Share of a step of the reference that is left for the next tick. The skin has to be stretched by
-more friction: where it is faster than it slides, it sticks, and lets go with an overshoot."""
+"""Fraction of a step of the reference that is left for the next tick. More friction stretches the
+skin. If that is faster than the finger slides, the skin sticks, and then releases with an
+overshoot."""
 POLE_UNKNOWN: Final = 0.85
-"""The same before the first pair of plateaus, when the slope of the map is that of any finger."""
+"""The same before the first pair of plateaus, while the slope of the map is that of any finger."""
 GAIN_UNKNOWN: Final = 1.0
-"""Share of an error that m0 takes over in the first tick in which a finger is known to slide."""
+"""Fraction of an error that m0 takes over in the first tick of known sliding."""
 GAIN_FIRST: Final = 0.3
-"""The same after it, and after a turn."""
+"""The same in the next ticks, and after a turn."""
 GAIN_LAST: Final = 0.1
-"""The same later on."""
+"""The same in the long run."""
 GAIN_KEPT: Final = 0.9
-"""What is left in a tick of the difference of the two."""
+"""Fraction of the difference between the two gains that is left after a tick."""
 QUIET: Final = 0.25
-"""Share of the gain for `QUIET_TICKS` after a step of the reference: the skin is not in the map."""
+"""Factor of the gain for `QUIET_TICKS` after a step of the reference, as the map has no skin."""
 QUIET_TICKS: Final = 10
 FROZEN_TICKS: Final = 20
-"""Ticks after a turn of the finger in which nothing is learned: it sticks, and slides anew."""
+"""Ticks after a turn of the finger without learning, as it sticks and starts to slide again."""
 ERROR_MAX: Final = 0.1
 """Bound of the error of ln mu in a tick."""
 SETTLED_TICKS: Final = 22
-"""Ticks after a step of the reference until a plateau counts as settled."""
+"""Ticks after a step of the reference until a plateau is settled."""
 STEP_MIN: Final = 0.02
-"""Change of ln mu_ref in a tick that is a step."""
+"""Change of ln mu_ref in a tick that counts as a step."""
 SPEED_VARIANCE: Final = 2.5e-5
-"""Variance of the difference of two plateaus without noise: force and speed change in a pass."""
+"""Variance of the difference of two plateaus without noise, by force and speed changes in a
+pass."""
 MU_MIN: Final = 0.02
-"""COF below which a finger does not slide."""
+"""COF below which a finger does not count as sliding."""
 
 
 PLATEAU_TICKS: Final = 20
-"""Ticks that make a plateau."""
+"""Number of ticks of a plateau."""
 PLATEAU_SPREAD: Final = 0.1e-6
-"""Distance in m of an amplitude to the mean so far with which a plateau begins anew."""
+"""Difference in m between an amplitude and the mean so far with which a plateau restarts."""
 PLATEAU_DRIFT: Final = 0.03
-"""The same of m0: a finger that stops makes no plateau, though the amplitude rests at 0."""
+"""The same for m0: a finger that stops makes no plateau, although the amplitude stays at 0."""
 PAIR_MIN: Final = 0.05
-"""Difference of ln mu_ref from which two plateaus make a pair: a smaller one is noise that the loop
-has followed, from which it would learn itself."""
+"""Least difference of ln mu_ref of a pair of plateaus. A smaller one is noise that the loop has
+followed; learning from it would be learning from itself."""
 PAIR_MIN_W: Final = 0.05e-6
-"""The same of their amplitudes in m."""
+"""Least difference of the amplitudes of a pair in m."""
 
 
 class PathStep(NamedTuple):
-    """Exact step of the force path for an input constant over it."""
+    """Exact step of the force path for an input that is constant during it."""
 
     yy: float
     yr: float
@@ -95,12 +97,12 @@ PATH: Final = path_step(PATH_FREQUENCY, PATH_DAMPING)
 
 
 class FrictionSample(NamedTuple):
-    """What a tick tells of the finger."""
+    """Data of the finger in one tick."""
 
     mu: float
     """Coefficient of friction."""
     u_mu: float
-    """Its standard uncertainty."""
+    """Standard uncertainty of mu."""
     Fx: float
     """Lateral forces in N."""
     Fy: float
@@ -111,7 +113,7 @@ class FrictionSample(NamedTuple):
 
 
 class Path(NamedTuple):
-    """What the force path has made of exp h."""
+    """State of the model of the force path, with exp h as its input."""
 
     y: float
     rate: float
@@ -119,25 +121,25 @@ class Path(NamedTuple):
 
 
 class Known(NamedTuple):
-    """What was learned of a finger."""
+    """Learned knowledge of a finger."""
 
     weights: Weights
     nodes: Nodes
     """h at the nodes, `shape` of the weights."""
     pairs: int
-    """Pairs of plateaus that it was learned from."""
+    """Number of pairs of plateaus from which it was learned."""
 
 
 class Gathered(NamedTuple):
-    """The plateaus of a pass."""
+    """Plateaus of a pass."""
 
     ticks: int
-    """Of the plateau that is being made, as the sums."""
+    """Ticks of the plateau in progress, to which the sums belong."""
     sum_ln: float
     sum_W: float
     sum_m0: float
     made: int
-    """Plateaus that were made."""
+    """Number of complete plateaus."""
     last: Plateau
 
 
@@ -145,47 +147,47 @@ class MapState(NamedTuple):
     """State of the law while a finger touches."""
 
     m0: float
-    """ln mu without vibration, here and now."""
+    """Present ln mu without vibration."""
     gain: float
-    """Share of an error that m0 takes over."""
+    """Fraction of an error that m0 takes over."""
     ln_aim: float
-    """ln mu that is aimed at in this tick."""
+    """Target of ln mu in this tick."""
     since_step: int
-    """Ticks since the reference stepped."""
+    """Ticks since the last step of the reference."""
     since_turn: int
-    """Ticks since the finger turned."""
+    """Ticks since the last turn of the finger."""
     path: Path
     gathered: Gathered
     known: Known
     sample: FrictionSample
-    """The last tick."""
+    """Data of the last tick."""
 
 
 NOTHING: Final = Gathered(0, 0.0, 0.0, 0.0, 0, Plateau(0.0, 0.0, 0.0))
 ANYBODY: Final = Known(PRIOR, shape(PRIOR), 0)
-"""Any finger."""
+"""Knowledge before learning, for any finger."""
 NO_SAMPLE: Final = FrictionSample(0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-"""Before the first touch."""
+"""Sample before the first touch."""
 
 
 def cut_short(so_far: Gathered, turned: bool) -> Gathered:
-    """Return the plateaus once a step, or a turn, has ended the one that was being made."""
+    """Return the plateaus after a step or a turn has ended the one in progress."""
     return Gathered(0, 0.0, 0.0, 0.0, 0 if turned else so_far.made, so_far.last)
 
 
 def gathered(so_far: Gathered, ln_mu: float, W: float, ln_ref: float, m0: float) -> Gathered:
-    """Return the plateaus with a tick more.
+    """Return the plateaus after one more tick.
 
     Parameters
     ----------
     so_far
-        After the tick before.
+        Plateaus after the tick before.
     ln_mu, W
-        Measured.
+        Measured ln mu, and amplitude in m.
     ln_ref
-        Logarithm of the reference of the COF.
+        ln of the reference of the COF.
     m0
-        ln mu without vibration, as it is believed.
+        Estimated ln mu without vibration.
     """
     ticks, sum_ln, sum_W, sum_m0, made, last = so_far
     moved = abs(ticks * W - sum_W) > ticks * PLATEAU_SPREAD
@@ -198,30 +200,30 @@ def gathered(so_far: Gathered, ln_mu: float, W: float, ln_ref: float, m0: float)
 
 
 def tells(before: Plateau, after: Plateau) -> bool:
-    """Return whether two plateaus differ because they were asked to."""
+    """Return whether two plateaus differ because their references do."""
     asked = abs(after.ln_ref - before.ln_ref) > PAIR_MIN
     return asked and abs(after.W - before.W) > PAIR_MIN_W
 
 
 def begin_map(sample: FrictionSample, known: Known) -> MapState:
-    """Return the state at the begin of a touch, or of the mode: it asks for the amplitude there is.
+    """Return the state at the start of a touch or of the mode; it keeps the present amplitude.
 
     Parameters
     ----------
     sample
-        The first tick.
+        Data of the first tick.
     known
-        What was learned before.
+        Knowledge learned before.
     """
     h = value(known.nodes, sample.W)
     ln_mu = log(sample.mu if sample.mu > MU_MIN else sample.mu_ref)
     path = Path(exp(h), 0.0)
-    # It is not known to slide yet.
+    # It is not known yet whether the finger slides.
     return MapState(ln_mu - h, GAIN_UNKNOWN, ln_mu, SETTLED_TICKS, 0, path, NOTHING, known, sample)
 
 
 def follow_map(touch: MapState, sample: FrictionSample) -> MapState:
-    """Return the state a tick later; `amplitude_asked` is what it asks for."""
+    """Return the state one tick later; `amplitude_asked` returns its amplitude."""
     before, known, m0, ln_aim = touch.sample, touch.known, touch.m0, touch.ln_aim
     ln_ref = log(sample.mu_ref)
     pole = POLE if known.pairs else POLE_UNKNOWN
@@ -233,7 +235,7 @@ def follow_map(touch: MapState, sample: FrictionSample) -> MapState:
     path = _through_path(touch.path, known.nodes, before.W, sample.W)
     plateaus = touch.gathered
     if turned and plateaus.made:
-        # What m0 took in since was a finger that stopped, of which less friction is felt.
+        # Since then m0 has followed a stopping finger, whose friction is lower.
         m0 = plateaus.last.ln_mu - value(known.nodes, plateaus.last.W)
     if stepped or turned:
         plateaus = cut_short(plateaus, turned)
@@ -244,7 +246,7 @@ def follow_map(touch: MapState, sample: FrictionSample) -> MapState:
             m0 += (QUIET * gain if quiet else gain) * _bounded(error)
             gain = GAIN_LAST + GAIN_KEPT * (gain - GAIN_LAST)
         else:
-            # The aim starts from where the finger is, so that the amplitude does.
+            # The target starts from the present COF, so that the amplitude does not jump.
             m0 += error
             ln_aim += error
             gain = GAIN_FIRST
@@ -253,7 +255,7 @@ def follow_map(touch: MapState, sample: FrictionSample) -> MapState:
             plateaus = gathered(so_far, log(sample.mu), sample.W, ln_ref, m0)
             if plateaus.made > so_far.made > 0 and tells(so_far.last, plateaus.last):
                 known = _taught(known, so_far.last, plateaus.last, sample)
-                # What is expected at this amplitude stays.
+                # Keep the expected COF at this amplitude.
                 rise = value(known.nodes, sample.W) - value(touch.known.nodes, sample.W)
                 m0 -= rise
                 path = Path(path.y * exp(rise), path.rate * exp(rise))
@@ -263,12 +265,12 @@ def follow_map(touch: MapState, sample: FrictionSample) -> MapState:
 
 
 def amplitude_asked(touch: MapState) -> float:
-    """Return the amplitude in m that is asked for; below 0 for a COF that none reaches."""
+    """Return the amplitude in m; below 0 for a COF that no amplitude reaches."""
     return amplitude_for(touch.known.nodes, touch.ln_aim - touch.m0)
 
 
 def _through_path(path: Path, nodes: Nodes, W_before: float, W: float) -> Path:
-    """Step the force path with exp h as it is in the middle of the tick."""
+    """Step the force path with exp h at the middle of the tick."""
     middle = 0.5 * (exp(value(nodes, W_before)) + exp(value(nodes, W)))
     deviation = path.y - middle
     return Path(
@@ -282,7 +284,7 @@ def _bounded(error: float) -> float:
 
 
 def _taught(known: Known, before: Plateau, after: Plateau, sample: FrictionSample) -> Known:
-    """Learn from two plateaus of one pass."""
+    """Return the knowledge after two plateaus of one pass."""
     relative = sample.u_mu / sample.mu
     variance = SPEED_VARIANCE + 2.0 * relative * relative / PLATEAU_TICKS
     weights = learned(known.weights, before, after, variance)
@@ -290,4 +292,4 @@ def _taught(known: Known, before: Plateau, after: Plateau, sample: FrictionSampl
 
 
 NO_MAP_STATE: Final = begin_map(NO_SAMPLE, ANYBODY)
-"""Before the first touch, which takes nothing of it but `ANYBODY`."""
+"""State before the first touch, of which only `ANYBODY` is used."""

@@ -1,26 +1,26 @@
-"""One tick of the nested controllers: C_mu over C_W and C_omega, fed by the tribometer, 1 kHz.
+"""One tick, at 1 kHz, of the nested controllers: C_mu over C_W and C_omega, fed by the tribometer.
 
 `control_step` computes a tick from a plan, the state after the tick before, a measurement and a
 set-point, in this order::
 
     gauges -> forces, COF, position                               tribometer
-    W, drive in force -> what the plate is                        law of the vibration predictive
+    W, drive in force -> estimated plate                          vibration law predictive
     COF, reference -> W_ref                                       C_mu:    eq. (8), (9), or a map
     W_ref -> W_ref within its limits
     W_ref - |W| -> V,   -W_q/W_d -> f                             C_W, C_omega: eq. (6), (7)
 
-A change of the mode keeps the drive: the loops start from the voltage and the frequency in force
-and move them by their gain times their error. Two things are immediate by intent: OFF is 0 V at
-once, and in open loop voltage and frequency are those of the set-point. In mode AMPLITUDE the
-frequency of a driven plate moves to the set-point by `FREQUENCY_STEP` a tick. From OFF the
-resonance loop starts at the set-point's frequency; the law ``predictive`` starts where model and
-thermometer put the resonance.
+A change of the mode is bumpless: the loops start from the voltage and the frequency in force, and
+change them by their gain times their error. Two changes are immediate by intent: OFF sets 0 V, and
+open loop sets voltage and frequency of the set-point. In mode AMPLITUDE the frequency of a driven
+plate moves to the set-point by `FREQUENCY_STEP` per tick. From OFF the resonance loop starts at the
+set-point's frequency; the law ``predictive`` starts at the resonance of model and thermometer.
 
 Out of contact the modes FRICTION and TEXTURE hold the nominal amplitude of the set-point. The COF
-is unknown then, and the last reference before lift-off was made of a COF whose uncertainty grows as
-1/Fn; a known amplitude keeps the resonance locked and meets the next finger at a chosen friction.
+is then unknown, and the last reference before lift-off came from a COF with an uncertainty that
+grows as 1/Fn. A known amplitude keeps the resonance locked, and gives the next finger a defined
+friction.
 
-The functions are plain ones of floats and named tuples: numba and mypyc compile them as they stand.
+All functions are pure, with floats and named tuples; numba and mypyc compile them unchanged.
 """
 
 from __future__ import annotations
@@ -99,7 +99,8 @@ from smarttac_can.vocabulary.signals import (
 )
 from smarttac_can.vocabulary.states import Law, Mode, VibrationLaw
 
-# Plain integers: to look a member of an enumeration up costs ten times as much, and numba has none.
+# Plain integers, as looking up an enumeration member takes ten times as long, and numba has no
+# enums.
 _OFF: Final = int(Mode.OFF)
 _OPEN_LOOP: Final = int(Mode.OPEN_LOOP)
 _AMPLITUDE: Final = int(Mode.AMPLITUDE)
@@ -112,13 +113,13 @@ _SCHEDULED: Final = int(VibrationLaw.SCHEDULED)
 _PREDICTIVE: Final = int(VibrationLaw.PREDICTIVE)
 
 _ABSURD: Final = 1e6
-"""Bound of the squares of a measurement, 1 km or 1 kN, and of a COF reference. NaN and infinity do
-not pass either."""
+"""Bound of the squares of a measurement, 1 km or 1 kN, and of a COF reference; also for NaN and
+infinity."""
 _COF_MIN: Final = 1e-6
-"""A COF reference has to be above this, so that the error relative to it is a number."""
+"""Least COF reference, so that the error relative to it is finite."""
 FREQUENCY_STEP: Final = 5.0
-"""Largest change in Hz of the frequency in a tick of mode AMPLITUDE, 3 % of half the width of the
-resonance: a hop would meet the resonance with the voltage that the plate needed beside it."""
+"""Largest change of the frequency in Hz per tick of mode AMPLITUDE, 3 % of half the width of the
+resonance. A hop would reach the resonance with the higher voltage needed beside it."""
 
 FAULTS: Final = (
     "",
@@ -128,7 +129,7 @@ FAULTS: Final = (
     "there is no texture",
     "drive is not finite",
 )
-"""Why the controllers turned themselves off, by `Controlled.fault`."""
+"""Reasons for which the controllers turned themselves off, by `Controlled.fault`."""
 _NO_MEASUREMENT: Final = 1
 _NO_SETPOINT: Final = 2
 _NO_REFERENCE: Final = 3
@@ -136,31 +137,31 @@ _NO_TABLE: Final = 4
 _NO_DRIVE: Final = 5
 
 NO_CONTACT: Final = Contact(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False)
-"""Before the first tick."""
+"""Contact before the first tick."""
 
 
 class ControlPlan(NamedTuple):
-    """What the controllers regulate by, in SI units; it follows from parameters."""
+    """Parameters of the controllers, in SI units."""
 
     law: int
-    """Of `Law`."""
+    """Number of `Law`."""
     slope: float
     """Step of the amplitude in m per % of friction error."""
     step_max: float
-    """Largest such step in m."""
+    """Largest step of the amplitude in m."""
     half: float
     """Half of the boundary's hysteresis in m."""
     ahead: float
     """Time in s by which the reference of a texture is ahead."""
     vibration_law: int
-    """Of `VibrationLaw`."""
+    """Number of `VibrationLaw`."""
     bare: Gains
-    """Designed for the bare plate."""
+    """Gains for the bare plate."""
     rows: Sequence[Sequence[float]]
-    """Designed for the plate under a finger, by `row_of` its force."""
+    """Gains for the plate under a finger; `row_of` gives the row for a force."""
     prior: Prior
     gain: float
-    """Of the bare plate at its resonance in m/V."""
+    """Gain of the bare plate at its resonance in m/V."""
     V_max: float
     """Limit of the voltage in V."""
     W_max: float
@@ -171,72 +172,72 @@ class ControlPlan(NamedTuple):
     """Highest frequency in Hz."""
     gauging: Gauging
     zero: Forces
-    """Offsets of S1..S6 in N."""
+    """Zeros of S1..S6 in N."""
     texture: Texture
 
 
 class Loops(NamedTuple):
-    """The two PIs after a tick."""
+    """State of the two PIs after a tick."""
 
     voltage: float
     """State of C_W in V."""
     frequency: float
     """State of C_omega in Hz."""
     held: float
-    """Last output of C_omega in Hz, held without vibration."""
+    """Last output of C_omega in Hz, held while there is no vibration."""
     cut: bool
-    """Whether that was cut to a limit."""
+    """Whether this output was cut to a limit."""
 
 
 class Playing(NamedTuple):
-    """C_mu of mode TEXTURE after a tick."""
+    """State of C_mu of mode TEXTURE after a tick."""
 
     ticks: int
-    """Since the texture began."""
+    """Ticks since the texture started."""
     touches: bool
-    """Whether `line` and `touch` are those of a touch that goes on."""
+    """Whether `line` and `touch` belong to a touch in progress."""
     line: Line
     touch: TextureState
 
 
 class ControlState(NamedTuple):
-    """The controllers after a tick."""
+    """State of the controllers after a tick."""
 
     mode: int
-    """Of `Mode`."""
+    """Number of `Mode`."""
     drive: Drive
-    """In force until the next tick."""
+    """Drive in force until the next tick."""
     W_ref: float
-    """Amplitude reference in m; without an amplitude loop it follows ``|W|``."""
+    """Amplitude reference in m; without an amplitude loop it equals ``|W|``."""
     loops: Loops
     learned: Learned
-    """What the law of the vibration ``predictive`` knows; it learns in every mode."""
+    """State of the vibration law ``predictive``, which learns in every mode."""
     touch: PositionTrack
     right: bool
     """Whether the finger is right of the boundary."""
     slides: bool
-    """Whether `sliding` is that of a touch that goes on."""
+    """Whether `sliding` belongs to a touch in progress."""
     sliding: MapState
-    """The friction law ``predictive`` in this touch, or in the last one, of which it keeps what it
-    learned."""
+    """State of the friction law ``predictive`` in this touch or the last one, of which the learned
+    knowledge is kept."""
     playing: Playing
 
 
 class Controlled(NamedTuple):
-    """What a tick came to, besides the state."""
+    """Results of a tick, in addition to the state."""
 
     contact: ContactFields
-    """The finger: the fields of a `Contact`."""
+    """Fields of a `Contact`."""
     amplitude: float
     """``|W|`` in m."""
     mu_ref: float
     """Reference of the COF, 0 outside FRICTION and TEXTURE."""
     E: float
-    """Friction error in %, 0 without contact and outside of these modes."""
+    """Friction error in %, 0 without contact and outside these modes."""
     limited: int
-    """Bits of `Limit` that cut what was asked for."""
+    """Bits of `Limit` for the limits that were active."""
     fault: int
-    """Place in `FAULTS`; above 0 if the controllers have turned themselves off."""
+    """Index into `FAULTS`; above 0 if the controllers have turned themselves off."""
 
 
 def control_plan(
@@ -245,18 +246,18 @@ def control_plan(
     zero: Forces = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
     texture: Texture = NO_TEXTURE,
 ) -> ControlPlan:
-    """Return what the controllers regulate by.
+    """Return the parameters of the controllers.
 
     Parameters
     ----------
     parameters
         Limits, design and calibration.
     model
-        Plate to design the loops for.
+        Plate for which the loops are designed.
     zero
-        Offsets of S1..S6 in N.
+        Zeros of S1..S6 in N.
     texture
-        What mode TEXTURE plays.
+        Texture of mode TEXTURE.
     """
     p = parameters
     bare, rows = designed(model, p.amplitude_pole, p.resonance_pole, p.dead_time)
@@ -282,7 +283,7 @@ def control_plan(
 
 
 def at_rest(plan: ControlPlan) -> ControlState:
-    """Return the controllers before their first tick: mode OFF at 0 V."""
+    """Return the state before the first tick: mode OFF at 0 V."""
     f = _clipped(plan, plan.prior.f0)
     return ControlState(
         mode=_OFF,
@@ -299,14 +300,14 @@ def at_rest(plan: ControlPlan) -> ControlState:
 
 
 def adopted(before: ControlPlan, plan: ControlPlan, state: ControlState) -> ControlState:
-    """Return the controllers under another plan, without a bump.
+    """Return the state under another plan, bumplessly.
 
-    Another zero ends the touch, another friction law knows nothing of the finger, another design of
-    the inner loops starts them from the drive in force, and a frequency that is held is cut to the
-    limits. All else goes on.
+    Another zero ends the touch. Another friction law starts without knowledge of the finger.
+    Another design of the inner loops starts them from the drive in force. A held frequency is cut
+    to the limits. Everything else is kept.
     """
     if plan.zero != before.zero:
-        # What was felt before belongs to another zero: no touch, and no position to hold.
+        # Contact and position are those of the old zero, so reset both.
         state = state._replace(touch=UNTOUCHED)
     if plan.law != before.law:
         state = state._replace(slides=False, sliding=NO_MAP_STATE)
@@ -323,22 +324,22 @@ def _design_of(plan: ControlPlan) -> tuple[int, Gains, Sequence[Sequence[float]]
 
 
 def redesigned(plan: ControlPlan, state: ControlState) -> ControlState:
-    """Return the controllers with inner loops that begin anew, from the drive in force."""
+    """Return the state with inner loops that restart from the drive in force."""
     loops = _preset(plan, state.drive.voltage, state.drive.frequency)
     return state._replace(loops=loops, learned=unlearned(plan.prior))
 
 
 def turned_off(state: ControlState, learned: Learned) -> ControlState:
-    """Return the controllers in mode OFF, at 0 V, with what the predictive law knows by now."""
+    """Return the state in mode OFF, at 0 V, with what the predictive law has learned."""
     _, drive, _, loops, _, touch, right, slides, sliding, playing = state
     off = Drive(0.0, drive.frequency)
     return ControlState(_OFF, off, 0.0, loops, learned, touch, right, slides, sliding, playing)
 
 
 def realised(state: ControlState, drive: Drive) -> ControlState:
-    """Return the controllers once another drive than they asked for is in force.
+    """Return the state after another drive than asked for was put in force.
 
-    C_W goes on from its voltage: nothing winds up.
+    C_W continues from its voltage, so that it does not wind up.
     """
     loops = state.loops
     if drive.voltage < state.drive.voltage:
@@ -354,20 +355,20 @@ def control_step(
     measurement: MeasurementFields,
     setpoint: Setpoint,
 ) -> tuple[ControlState, Controlled]:
-    """Return the controllers after a tick; `ControlState.drive` is what they ask for.
+    """Return the state after a tick, whose `ControlState.drive` is the drive asked for.
 
-    A measurement or set-point that is not finite turns them off. So does a COF reference of 0 or
-    less in mode FRICTION, and no texture in mode TEXTURE. Set-points beyond a limit are cut to it.
-    In mode IDENTIFY the drive is kept: the identification replaces it.
+    A measurement or set-point that is not finite turns the controllers off. So does a COF reference
+    of 0 or less in mode FRICTION, and a missing texture in mode TEXTURE. Set-points beyond a limit
+    are cut to it. In mode IDENTIFY the drive is unchanged, as the identification sets it.
 
     Parameters
     ----------
     plan, state
-        What is regulated by, and the tick before.
+        Parameters, and state after the tick before.
     mode
-        Of `Mode`; another one than that of the state begins with this tick.
+        Number of `Mode`; if it differs from that of the state, the new mode starts with this tick.
     measurement, setpoint
-        Of this tick.
+        Measurement and set-point of this tick.
     """
     W, gauges, temperature, _ = measurement
     fault = _fault(plan, mode, W, gauges, setpoint)
@@ -406,7 +407,7 @@ def control_step(
         drive, W_ref, loops, limited = _inner_loops(
             plan, state, learned, (W, amplitude, Fn), W_ref, setpoint.frequency
         )
-        # Whatever a law makes of what it knows, nothing but a drive within limits leaves here.
+        # No law can put out anything but a drive within limits.
         if not in_limits(drive.voltage, drive.frequency, plan.V_max, plan.f_min, plan.f_max):
             mode, fault = _OFF, _NO_DRIVE
             drive, W_ref, mu_ref, E, limited = Drive(0.0, state.drive.frequency), 0.0, 0.0, 0.0, 0
@@ -417,7 +418,7 @@ def control_step(
 
 
 def _fault(plan: ControlPlan, mode: int, W: complex, gauges: Forces, setpoint: Setpoint) -> int:
-    """Return the place in `FAULTS` of what cannot be regulated, 0 if all can be."""
+    """Return the index into `FAULTS` of the first invalid input, 0 if all are valid."""
     s1, s2, s3, s4, s5, s6 = gauges
     forces = s1 * s1 + s2 * s2 + s3 * s3 + s4 * s4 + s5 * s5 + s6 * s6
     if not W.real * W.real + W.imag * W.imag + forces < _ABSURD:
@@ -436,9 +437,9 @@ def _fault(plan: ControlPlan, mode: int, W: complex, gauges: Forces, setpoint: S
 def _entered(
     plan: ControlPlan, state: ControlState, mode: int, setpoint: Setpoint, position: float
 ) -> ControlState:
-    """Return the controllers at the begin of a mode, from the drive in force.
+    """Return the state at the start of a mode, from the drive in force.
 
-    From OFF they begin at the frequency of the set-point.
+    From OFF it starts at the frequency of the set-point.
     """
     before, drive, W_ref, loops, learned, touch, right, _, sliding, playing = state
     f = _clipped(plan, setpoint.frequency) if before == _OFF else drive.frequency
@@ -455,7 +456,7 @@ def _entered(
 
 
 def _preset(plan: ControlPlan, voltage: float, frequency: float) -> Loops:
-    """Return both PIs as they start from a drive in V and Hz."""
+    """Return both PIs for a start from a drive in V and Hz."""
     f = _clipped(plan, frequency)
     return Loops(voltage, f, f, f != frequency)
 
@@ -465,13 +466,13 @@ def _clipped(plan: ControlPlan, frequency: float) -> float:
 
 
 def _open_loop(plan: ControlPlan, mode: int, setpoint: Setpoint) -> tuple[Drive, int]:
-    """Return the set-point's drive and what cut it, or the same with 0 V in mode OFF."""
+    """Return the set-point's drive, with 0 V in mode OFF, and the bits of active limits."""
     f = _clipped(plan, setpoint.frequency)
     if mode == _OFF:
         return Drive(0.0, f), 0
     V = cut_voltage(setpoint.voltage, plan.V_max)
     limited = 0 if setpoint.voltage == V else VOLTAGE
-    # Nothing regulates here: the bare plate at its resonance is the worst case.
+    # There is no feedback here, so assume the worst case: the bare plate at its resonance.
     if plan.gain * V > plan.W_max:
         V = plan.W_max / plan.gain
         limited |= AMPLITUDE
@@ -487,7 +488,7 @@ def _for_level(
     sample: FrictionSample,
     setpoint: Setpoint,
 ) -> tuple[bool, MapState, float, float]:
-    """Step C_mu of mode FRICTION: return its touch, E in % and W_ref in m, before its limits."""
+    """Step C_mu of mode FRICTION; return its touch, E in % and W_ref in m, before its limits."""
     sliding = state.sliding
     if not touching:
         return False, sliding, 0.0, setpoint.amplitude
@@ -510,7 +511,7 @@ def _for_texture(
     amplitude: float,
     W_nominal: float,
 ) -> tuple[Playing, float, float, float]:
-    """Step C_mu of mode TEXTURE: return it, mu_ref, E in % and W_ref in m, before its limits."""
+    """Step C_mu of mode TEXTURE; return it, mu_ref, E in % and W_ref in m, before its limits."""
     ticks, touches, line, touch = playing
     Fx, Fy, Fn, mu, u_mu, position, _, touching = contact
     if not touching:
@@ -536,25 +537,25 @@ def _inner_loops(
     W_ref: float,
     f_set: float,
 ) -> tuple[Drive, float, Loops, int]:
-    """Step C_W and C_omega, by the law of the vibration.
+    """Step C_W and C_omega by the vibration law.
 
     Parameters
     ----------
     plan, state
-        What is regulated by, and after the tick before, or as the mode began.
+        Parameters, and state after the tick before, or at the start of the mode.
     learned
-        After this tick.
+        State of the predictive law after this tick.
     seen
         Vibration and its modulus in m, and the normal force in N, 0 without contact.
     W_ref
         Reference of the modulus in m, before its limits.
     f_set
-        Frequency in Hz that mode AMPLITUDE keeps; the others track the resonance.
+        Frequency in Hz of mode AMPLITUDE; the other modes track the resonance.
 
     Returns
     -------
     drive, W_ref, loops, limited
-        Drive that is asked for, reference within its limits, the PIs, and bits of `Limit`.
+        Drive asked for, reference within its limits, the PIs, and bits of `Limit`.
     """
     W, amplitude, _ = seen
     tracked = state.mode != _AMPLITUDE
@@ -562,7 +563,7 @@ def _inner_loops(
     limited = 0 if allowed == W_ref else AMPLITUDE
     f = f_set
     if not tracked and state.drive.voltage > 0.0:
-        # No faster than the voltage can follow.
+        # Not faster than the voltage can follow.
         before = state.drive.frequency
         f = min(max(f_set, before - FREQUENCY_STEP), before + FREQUENCY_STEP)
         if f != f_set:
@@ -575,7 +576,7 @@ def _inner_loops(
 
 
 def _predicted(plan: ControlPlan, learned: Learned, W_ref: float, f: float) -> tuple[Drive, int]:
-    """Return the drive of the law ``predictive`` at a frequency in Hz, and what cut it."""
+    """Return the drive of the law ``predictive`` at a frequency in Hz, and active limits."""
     f_cut = _clipped(plan, f)
     limited = 0 if f_cut == f else FREQUENCY
     V = asked_voltage(plan.prior, learned, W_ref, f_cut)
@@ -592,7 +593,7 @@ def _regulated(
     W_ref: float,
     f_fixed: float,
 ) -> tuple[Drive, Loops, int]:
-    """Return the drive of the two PIs, the PIs after it, and what cut it."""
+    """Return the drive of the two PIs, the PIs after it, and bits of active limits."""
     W, amplitude, Fn = seen
     V_state, f_state, f, f_cut = state.loops
     Kp_W, Kp_omega, a = plan.bare
@@ -601,8 +602,8 @@ def _regulated(
         row = plan.rows[row_of(Fn, len(plan.rows))]
         Kp_W, Kp_omega, a, a_W = row[0], row[1], row[2], row[2]
     elif state.mode == _TEXTURE:
-        # The resonance keeps its gains: a pick-up that has lost some of its direct axis would lead
-        # faster ones astray.
+        # The resonance loop keeps its gains: a pick-up with a loss of gain on its direct axis would
+        # mislead a faster loop.
         row = plan.rows[row_of(Fn, len(plan.rows))]
         Kp_W, a_W = row[0], row[2]
     V, V_state, V_cut = regulated(V_state, Kp_W, a_W, W_ref - amplitude, 0.0, plan.V_max)

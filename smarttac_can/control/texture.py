@@ -1,13 +1,13 @@
-"""A texture played under the finger: the reference of the COF where the finger will be.
+"""Textures under the finger: the COF reference at the position where the finger will be.
 
-The COF follows its reference some ticks later. By that time, the preview, the finger is at
-``x + (lag + preview) v``: that place of the table is the reference of now. Over time it is the time
-that is ahead.
+The COF follows its reference after some ticks, the preview. The finger is then at
+``x + (lag + preview) v``, so the value at this position is the present reference. A table over time
+is read ahead in time.
 
-A straight line through its latest positions tells where the finger is, and how fast. The centre of
-pressure of a tick is off by 0.24 mm under 1 N. A short memory leaves much of that, and a long one
-is late where the finger turns. So the memory grows with the samples, and is short again once they
-bend away from the line.
+A straight line through the latest positions gives position and speed of the finger. The centre of
+pressure of one tick has an error of 0.24 mm under 1 N. A short memory averages little of it, and a
+long one is late at a turn. So the memory grows with the samples, and becomes short again when they
+deviate from the line.
 """
 
 from __future__ import annotations
@@ -20,37 +20,37 @@ from smarttac_can.vocabulary.signals import TICK
 from smarttac_can.vocabulary.textures import Axis, TextureTable, cof_at
 
 POSITION_LAG: Final = 2.0 * 0.7 / (2.0 * pi * 100.0)
-"""By how much in s the measured position is late: the delay ``2 zeta/w0`` of the force path, 100 Hz
-and 0.7, an assumption. The filter of the position adds nothing at a steady speed."""
+"""Delay of the measured position in s: ``2 zeta/w0`` of the force path, with 100 Hz and 0.7, an
+assumption. The filter of the position adds no delay at a steady speed."""
 SHORT: Final = 40.0
-"""Samples that count while the finger turns."""
+"""Memory in samples while the finger turns."""
 LONG: Final = 400.0
-"""Most samples that count."""
+"""Longest memory in samples."""
 BEND_SHARE: Final = 0.05
-"""Share of a new sample in the bend: its noise is a sixth of that of a sample."""
+"""Filter factor of the bend per sample; its noise is a sixth of that of a sample."""
 BENT: Final = 4.0 * sqrt(BEND_SHARE / (2.0 - BEND_SHARE))
-"""Bend in standard uncertainties of a sample from which the finger has left the line: four of its
-own."""
+"""Bend, in standard uncertainties of a sample, above which the finger has left the line: four of
+the bend's own."""
 _NM_PER_M: Final = 1e9
 _US_PER_S: Final = 1e6
 
 
 class Texture(NamedTuple):
-    """A table as the controllers play it."""
+    """A table as used by the controllers."""
 
     by_position: bool
     repeats: bool
     start: int
     step: int
     values: Sequence[float]
-    """COF in 1e-4; none for no texture."""
+    """COF in 1e-4; empty for no texture."""
 
 
 NO_TEXTURE: Final = Texture(True, False, 0, 1, ())
 
 
 def texture_of(table: TextureTable) -> Texture:
-    """Return a table as it is played."""
+    """Return a table in the form used by the controllers."""
     return Texture(
         table.axis is Axis.POSITION, table.repeats, table.start, table.step, table.values
     )
@@ -62,13 +62,13 @@ def cof_ahead(texture: Texture, ticks: int, position: float, speed: float, previ
     Parameters
     ----------
     texture
-        What is played.
+        Texture to play.
     ticks
-        Ticks since it began, for a table over time.
+        Ticks since its start, for a table over time.
     position, speed
-        Of the finger in m and m/s, for a table over the position.
+        Position and speed of the finger in m and m/s, for a table over the position.
     preview
-        Time in s that the COF takes to follow its reference.
+        Delay of the COF behind its reference in s.
     """
     by_position, repeats, start, step, values = texture
     if by_position:
@@ -82,17 +82,17 @@ class Line(NamedTuple):
     """The straight line through the latest positions of a touch."""
 
     position: float
-    """Where it is in this tick, in m."""
+    """Position in this tick in m."""
     speed: float
-    """In m/s."""
+    """Speed in m/s."""
     samples: float
-    """Samples that count."""
+    """Memory in samples."""
     bend: float
-    """Filtered distance in m of the samples from where the line expected them."""
+    """Filtered distance in m between the samples and the line's prediction."""
 
 
 def line_from(position: float) -> Line:
-    """Return the line of a touch that begins at a measured position in m."""
+    """Return the line at the start of a touch, at a measured position in m."""
     return Line(position, 0.0, 1.0, 0.0)
 
 
@@ -102,11 +102,11 @@ def prolonged(line: Line, position: float, unsure: float) -> Line:
     Parameters
     ----------
     line
-        Of the tick before.
+        Line of the tick before.
     position
         Measured position in m of this tick.
     unsure
-        Its standard uncertainty in m; 0 keeps the memory short.
+        Standard uncertainty of the position in m; 0 keeps the memory short.
     """
     before, speed, n, bend = line
     expected = before + TICK * speed

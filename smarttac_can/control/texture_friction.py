@@ -1,12 +1,12 @@
-"""C_mu of mode TEXTURE: the amplitude by a friction map that is learned while the texture plays.
+"""C_mu of mode TEXTURE: amplitude from a friction map that is learned while the texture plays.
 
-``ln mu = m0 + s h(W)``, with h of `smarttac_can.control.friction_map` as it is in the mean over
-fingers. The step that an edge asks for is made at once, ``W_ref = h^-1((ln mu_ref - m0)/s)``; a law
-that waits for an error comes too late for the next edge. A texture moves W all the time, and what
-is felt is h of that W after the force path: a Kalman filter learns m0 and s from each tick, by an
-h that has gone through a model of that path.
+``ln mu = m0 + s h(W)``, with the mean h of `smarttac_can.control.friction_map` over all fingers. At
+an edge the amplitude changes at once, ``W_ref = h^-1((ln mu_ref - m0)/s)``; a law that waits for an
+error would be too late for the next edge. A texture changes W all the time, and the measured COF
+shows h of that W after the force path. A Kalman filter therefore learns m0 and s from each tick,
+with an h that has passed a model of that path.
 
-The functions are plain ones of floats and named tuples.
+All functions are pure, with floats and named tuples.
 """
 
 from __future__ import annotations
@@ -28,47 +28,48 @@ from smarttac_can.control.predictive_friction import (
 STEEPNESS_VARIANCE: Final = 0.25
 """Variance of s over fingers."""
 FLATTEST: Final = 0.25
-"""Least s: nothing that is learned makes the map turn round."""
+"""Least s, so that the learned map cannot rise."""
 STEEPEST: Final = 4.0
 LEVEL_VARIANCE: Final = 0.04
 """Variance of m0 when a finger begins to slide."""
 LEVEL_DRIFT: Final = 1e-6
-"""Variance that m0 gains in a tick: sweat, force and place move it by 3 % in a second."""
+"""Variance that m0 gains per tick: sweat, force and position change it by 3 % in a second."""
 FORGOTTEN: Final = 1e-5
-"""Share of what was learned of s that is forgotten in a tick."""
+"""Fraction of the learned s that fades per tick."""
 MODEL_VARIANCE: Final = 4e-4
-"""Variance of ln mu in a tick by what is not noise: the skin follows, and h is another one."""
+"""Variance of ln mu in a tick without noise: by the lag of the skin, and by another h."""
 GATE: Final = 4.0
-"""Standard deviations beyond which an error of a tick counts no more."""
+"""Standard deviations to which the error of a tick is limited."""
 LASTING_SHARE: Final = 0.05
-"""Share of the error of a tick in the lasting one."""
+"""Filter factor of the lasting error per tick."""
 LASTING_MAX: Final = 0.1
-"""Lasting error of ln mu from which m0 is not known any more: another place, or another finger."""
+"""Lasting error of ln mu above which m0 is unknown: another position, or another finger."""
 LOST_VARIANCE: Final = 0.01
-"""Variance of m0 then."""
+"""Variance of m0 after that."""
 BUMP_KEPT: Final = 0.85
-"""Share of the first step of the amplitude, made once a finger is known to slide, that is left for
-the next tick."""
+"""Fraction of the first step of the amplitude that is left for the next tick. That step follows
+when the finger is first known to slide."""
 
 LAG_KEPT: Final = 0.6
-"""Share of a rise of the amplitude by which |W| may still lag in the next tick."""
+"""Fraction of a rise of the amplitude by which |W| may still lag in the next tick."""
 BEHIND: Final = 0.15e-6
-"""Distance in m by which |W| lags farther, from which the plate does not follow."""
+"""Additional lag of |W| in m above which the plate does not follow."""
 BEHIND_TICKS: Final = 100
-"""Ticks of that in which nothing is learned: by then a lack of the pick-up is a fault."""
+"""Ticks of such a lag without learning; after them a lack of vibration is a fault."""
 SLOPE: Final = 0.04e-6
-"""Step of the amplitude in m per % of friction error while it does not, of the paper's eq. (9)."""
+"""Step of the amplitude in m per % of friction error during such a lag, as in the paper's eq.
+(9)."""
 STEP_MAX: Final = 1e-6
 """Largest such step in m."""
 
 
 class Known(NamedTuple):
-    """What is known of a finger, and its covariance."""
+    """Knowledge of a finger, and its covariance."""
 
     m0: float
-    """ln mu without vibration, here and now."""
+    """Present ln mu without vibration."""
     s: float
-    """Steepness of its map, 1 in the mean over fingers."""
+    """Steepness of the map; 1 is the mean over fingers."""
     mm: float
     ms: float
     ss: float
@@ -79,41 +80,41 @@ class TextureState(NamedTuple):
 
     known: Known
     slides: bool
-    """Whether m0 was measured; the amplitude is held until it is."""
+    """Whether m0 was measured; until then the amplitude is held."""
     since_turn: int
-    """Ticks since the touch began, or the finger turned."""
+    """Ticks since the start of the touch, or since the last turn of the finger."""
     path: Path
     """h after the force path."""
     lasting: float
     """Filtered error of ln mu."""
     bump: float
-    """What is left of the first step of the amplitude, in m."""
+    """Rest of the first step of the amplitude in m."""
     risen: float
-    """What is left of its rises, in m."""
+    """Rest of rises of the amplitude in m."""
     lag_ticks: int
-    """Ticks in a row in which the plate has not followed."""
+    """Number of ticks in a row in which the plate has not followed."""
     W_map: float
-    """Amplitude in m by the map, within its limits."""
+    """Amplitude in m from the map, within its limits."""
     W_ref: float
-    """Amplitude in m that is asked for: the same, or, where the plate does not follow by a lack of
-    voltage or a pick-up that reads too little, as by the law ``measured``."""
+    """Amplitude reference in m. It is `W_map`; if the plate does not follow, due to a lack of
+    voltage or a pick-up that reads too little, it is that of the law ``measured``."""
     sample: FrictionSample
-    """The last tick."""
+    """Data of the last tick."""
 
 
 ANYBODY: Final = Known(0.0, 1.0, LEVEL_VARIANCE, 0.0, STEEPNESS_VARIANCE)
-"""Any finger."""
+"""Knowledge before learning, for any finger."""
 
 
 def begin_texture(sample: FrictionSample, known: Known) -> TextureState:
-    """Return the state when a touch or the mode begins: it asks for the amplitude there is.
+    """Return the state at the start of a touch or of the mode; it keeps the present amplitude.
 
     Parameters
     ----------
     sample
-        The first tick.
+        Data of the first tick.
     known
-        What was learned before.
+        Knowledge learned before.
     """
     W = sample.W
     return TextureState(known, False, 0, Path(value(MEAN, W), 0.0), 0.0, 0.0, 0.0, 0, W, W, sample)
@@ -159,20 +160,20 @@ def follow_texture(touch: TextureState, sample: FrictionSample, W_max: float) ->
 
 
 def learned(known: Known, h: float, error: float, relative: float, lost: bool) -> Known:
-    """Return what is known after a tick of sliding.
+    """Return the knowledge after a tick of sliding.
 
     Parameters
     ----------
     known
-        Before it.
+        Knowledge before it.
     h
-        After the force path.
+        Value of h after the force path.
     error
-        By how much ln mu is above what was expected.
+        Measured ln mu minus the expected one.
     relative
-        Standard uncertainty of the COF over the COF.
+        Standard uncertainty of the COF divided by the COF.
     lost
-        Whether the errors last.
+        Whether the error lasts.
     """
     m0, s, mm, ms, ss = known
     mm += LEVEL_DRIFT
@@ -195,7 +196,7 @@ def learned(known: Known, h: float, error: float, relative: float, lost: bool) -
 
 
 def _through_path(path: Path, middle: float) -> Path:
-    """Step the force path with h as it is in the middle of the tick."""
+    """Step the force path with h at the middle of the tick."""
     away = path.y - middle
     return Path(
         middle + PATH.yy * away + PATH.yr * path.rate,
@@ -204,4 +205,4 @@ def _through_path(path: Path, middle: float) -> Path:
 
 
 NO_TEXTURE_STATE: Final = begin_texture(NO_SAMPLE, ANYBODY)
-"""Before the first touch, which takes nothing of it but `ANYBODY`."""
+"""State before the first touch, of which only `ANYBODY` is used."""

@@ -1,4 +1,4 @@
-"""The tribometer: from six strain gauges to the contact of the finger."""
+"""The tribometer: contact of the finger from six strain gauges."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ Matrix = tuple[tuple[float, float], tuple[float, float]]
 Forces = tuple[float, float, float, float, float, float]
 
 RELEASE = 0.7
-"""A touch ends below this fraction of the contact force, so that noise does not chop it up."""
+"""Fraction of the contact force below which a touch ends, so that noise does not split it."""
 DETERMINANT_MIN = 0.1
-"""Smallest determinant of the cross-talk, or of its inverse, for which two loads are separable."""
+"""Smallest determinant of the cross-talk, or of its inverse, with which two loads can be
+separated."""
 MEMORY = 0.95
-"""Fading memory of the position filter: a sample counts half after 14 ms."""
+"""Fading memory of the position filter: the weight of a sample halves in 14 ms."""
 
 
 def calibration(crosstalk: Matrix) -> Matrix:
@@ -25,12 +26,13 @@ def calibration(crosstalk: Matrix) -> Matrix:
     Parameters
     ----------
     crosstalk
-        ``(S1, S2) = crosstalk (Fx, Fy)``, found by loading the plate along x and along y.
+        Matrix with ``(S1, S2) = crosstalk (Fx, Fy)``, measured by loading the plate along x and
+        along y.
 
     Raises
     ------
     ValueError
-        If the two loads cannot be separated: the determinant is below 0.1.
+        The two loads cannot be separated, as the determinant is below 0.1.
     """
     (xx, xy), (yx, yy) = crosstalk
     determinant = xx * yy - xy * yx
@@ -48,7 +50,7 @@ _BETA_RATE: Final = _BETA / TICK
 
 
 class Gauging(NamedTuple):
-    """How forces follow from tared gauges."""
+    """Coefficients of the forces from tared gauges."""
 
     xx: float
     xy: float
@@ -61,14 +63,15 @@ class Gauging(NamedTuple):
     sigma2: float
     """Variance of a gauge in N2."""
     press: float
-    """Normal force in N from which a finger touches."""
+    """Normal force in N above which a finger touches."""
     release: float
-    """Normal force in N below which it ceases to."""
+    """Normal force in N below which the touch ends."""
 
 
 PositionTrack = tuple[bool, float, float, int]
-"""Whether the finger touches, and the straight line fitted to the positions of its touch: position
-in m, which is kept after it, speed in m/s, and its samples as far as the gains depend on them."""
+"""Whether the finger touches, and the straight line through the positions of its touch: position in
+m, which is kept afterwards, speed in m/s, and number of samples as far as the gains depend on
+it."""
 
 
 def gauging_of(
@@ -77,18 +80,18 @@ def gauging_of(
     gauge_noise: float,
     contact_force: float,
 ) -> Gauging:
-    """Return how forces follow.
+    """Return the coefficients of the forces.
 
     Parameters
     ----------
     lateral
         Calibration ``(Fx, Fy) = lateral (S1, S2)``; see :func:`calibration`.
     gauge_positions
-        Where S3..S6 stand along x, in m from the middle of the plate.
+        Positions of S3..S6 along x, in m from the middle of the plate.
     gauge_noise
         Standard uncertainty of one tared gauge in N, for the uncertainty of the COF.
     contact_force
-        Normal force in N from which a finger touches; it ceases to at 0.7 of it.
+        Normal force in N above which a finger touches; the touch ends at 0.7 of it.
     """
     (xx, xy), (yx, yy) = lateral
     variance = gauge_noise * gauge_noise
@@ -104,23 +107,23 @@ def _alpha(n: int) -> float:
 
 
 _GROWN: Final = next(n for n in count(2) if _alpha(n) <= _ALPHA) - 1
-"""Samples of a touch after which its memory expands no more."""
+"""Samples of a touch after which its memory does not expand further."""
 
 
 def first_of(position: float) -> PositionTrack:
-    """Return a touch that begins at a measured position in m."""
+    """Return a touch that starts at a measured position in m."""
     return True, position, 0.0, 1
 
 
 def followed(touch: PositionTrack, position: float) -> PositionTrack:
     """Return a touch after the measured position in m of the next tick.
 
-    An alpha-beta filter with a fading memory: it follows a steady speed without lag, where a
-    low-pass filter of the same noise would report a boundary late. At the start of a touch its
+    It is an alpha-beta filter with a fading memory. It follows a steady speed without lag, while a
+    low-pass filter with the same noise would report a boundary late. At the start of a touch its
     gains are those of the least-squares line through all samples so far (expanding memory),
     afterwards those of the critically damped fading memory ``alpha = 1 - m^2, beta = (1 - m)^2``
     (Morrison, Introduction to Sequential Smoothing and Prediction, 1969). The noise of a sample is
-    cut to a quarter.
+    reduced to a quarter.
     """
     _, line, speed, age = touch
     if age < _GROWN:
@@ -136,18 +139,18 @@ def followed(touch: PositionTrack, position: float) -> PositionTrack:
 def contact_of(
     gauging: Gauging, zero: Forces, touch: PositionTrack, gauges: Forces
 ) -> tuple[PositionTrack, ContactFields, float]:
-    """Return the touch after a tick, its contact, and where this tick alone has the finger.
+    """Return the touch after a tick, its contact, and the centre of pressure of this tick.
 
-    The last is the centre of pressure along x in m; without contact the position that is held.
+    The centre of pressure is along x in m; without contact it is the held position.
 
     Parameters
     ----------
     gauging
-        Calibration and thresholds.
+        Coefficients and thresholds.
     zero, gauges
-        Offsets and raw forces of S1..S6 in N.
+        Zeros and raw forces of S1..S6 in N.
     touch
-        After the tick before.
+        Touch after the tick before.
     """
     s1, s2, s3, s4, s5, s6 = gauges
     o1, o2, o3, o4, o5, o6 = zero
@@ -174,12 +177,12 @@ def contact_of(
 
 
 def centre_uncertainty(gauging: Gauging, Fn: float) -> float:
-    """Return how unsure the centre of pressure of a tick is by its gauges, in m.
+    """Return the standard uncertainty in m of the centre of pressure of a tick, from the gauges.
 
     Parameters
     ----------
     gauging
-        Calibration and thresholds.
+        Coefficients and thresholds.
     Fn
         Normal force in N, above 0.
     """
@@ -188,7 +191,7 @@ def centre_uncertainty(gauging: Gauging, Fn: float) -> float:
 
 
 class Nulls:
-    """The last 64 raw samples of S1..S6, of which a tare takes the mean."""
+    """The last 64 raw samples of S1..S6, over which a tare averages."""
 
     __slots__ = ("_head", "_samples")
 
@@ -197,7 +200,7 @@ class Nulls:
         self._head = 0
 
     def add(self, gauges: Forces) -> None:
-        """Keep the sample of a tick, in N."""
+        """Store the sample of a tick, in N."""
         if len(self._samples) < TARE_SAMPLES:
             self._samples.append(gauges)
         else:
@@ -210,7 +213,7 @@ class Nulls:
         Raises
         ------
         RuntimeError
-            If fewer than 64 samples were seen.
+            There were fewer than 64 samples.
         """
         if len(self._samples) < TARE_SAMPLES:
             raise RuntimeError(

@@ -1,10 +1,10 @@
 """The inner loops: C_W from amplitude to voltage, C_omega from phase to frequency.
 
-Both are ``C(z) = Kp (z - a)/(z - 1)``, that is ``u[k] = u[k-1] + Kp e[k] - Kp a e[k-1]``. The only
-state is what follows from the output after all limits, so nothing can wind up.
+Both are ``C(z) = Kp (z - a)/(z - 1)``, that is ``u[k] = u[k-1] + Kp e[k] - Kp a e[k-1]``. Their
+only state is computed from the output after all limits, so they cannot wind up.
 
-C_W regulates ``|W|``. The paper's W_d equals it at resonance, but detuned as in Fig. 5 it would
-leave the amplitude 30 % too high. C_omega regulates ``W_q/W_d`` to 0, which is 0 at resonance.
+C_W controls ``|W|``. The paper's W_d equals it at resonance, but with the detuning of Fig. 5 the
+amplitude would stay 30 % too high. C_omega controls ``W_q/W_d`` to 0, its value at resonance.
 Without enough vibration, or with W_d <= 0, which no steady state has, it holds the frequency.
 """
 
@@ -14,37 +14,39 @@ from enum import IntFlag
 from typing import Final
 
 AMPLITUDE_MIN = 0.1e-6
-"""Below this amplitude in m the resonance loop is frozen: the phase of W is noise."""
+"""Amplitude in m below which the resonance loop is frozen, as the phase of W is noise."""
 TANGENT_MAX = 2.0
-"""Bound of W_q/W_d: beyond some 60 deg the tangent runs away and the angle hardly changes."""
+"""Bound of W_q/W_d: above about 60 deg the tangent grows fast while the angle hardly changes."""
 DETUNED_SHARE: Final = 0.75
-"""Share of the amplitude limit up to which the reference goes off resonance: when the resonance is
-found the vibration overshoots, by up to 29 %, and the pick-up ends 9 % above the limit."""
+"""Fraction of the amplitude limit to which the reference is reduced off resonance. When the
+resonance is found, the vibration overshoots by up to 29 %, and the pick-up ends 9 % above the
+limit."""
 _DETUNED: Final = 0.5
-"""Tangent of the phase from which it is off resonance: 27 degrees, 80 Hz."""
+"""Tangent of the phase above which it is off resonance: 27 degrees, 80 Hz."""
 
 
 class Limit(IntFlag):
-    """A limit that cut off what was asked for in this tick."""
+    """Limits that were active in a tick."""
 
     VOLTAGE = 1
     AMPLITUDE = 2
     FREQUENCY = 4
 
 
-# Plain integers: IntFlag arithmetic costs ten times as much.
+# Plain integers, as IntFlag arithmetic takes ten times as long.
 VOLTAGE, AMPLITUDE, FREQUENCY = (int(limit) for limit in Limit)
 
 
 def regulated(
     state: float, Kp: float, a: float, error: float, low: float, high: float
 ) -> tuple[float, float, bool]:
-    """Return the output of a PI within its limits, its state after it, and whether it was cut.
+    """Return the output of a PI within its limits, its new state, and whether it was limited.
 
     Parameters
     ----------
     state
-        After the tick before; an output to start from makes the first one differ by ``Kp error``.
+        State after the tick before. If it is an output to start from, the first output differs by
+        ``Kp error`` from it.
     Kp, a
         Gain and zero.
     error
@@ -64,12 +66,12 @@ def regulated(
 
 
 def lost(W: complex, amplitude: float) -> bool:
-    """Whether there is too little vibration to follow, or W_d <= 0, which no steady state has."""
+    """Return whether the vibration is too small, or W_d <= 0, which no steady state has."""
     return amplitude < AMPLITUDE_MIN or W.real <= 0.0
 
 
 def resonance_error(W: complex) -> float:
-    """Return -W_q/W_d within its bound, of a vibration that is not lost."""
+    """Return -W_q/W_d within its bound, for a vibration that is not lost."""
     error = -W.imag / W.real
     return TANGENT_MAX if error > TANGENT_MAX else -TANGENT_MAX if error < -TANGENT_MAX else error
 
@@ -82,7 +84,7 @@ def allowed_amplitude(
     Parameters
     ----------
     W_ref, W_max
-        Reference and its limit in m; a reference that is NaN becomes the limit.
+        Reference and its limit in m; a NaN reference becomes the limit.
     W, amplitude
         Vibration and its modulus in m.
     tracked
@@ -91,17 +93,17 @@ def allowed_amplitude(
     if not 0.0 <= W_ref <= W_max:
         W_ref = 0.0 if W_ref < 0.0 else W_max
     if W_ref > DETUNED_SHARE * W_max and tracked and amplitude > AMPLITUDE_MIN:
-        # The resonance loop still has to find the resonance.
+        # The resonance loop has not found the resonance yet.
         detuned = abs(W.imag) > _DETUNED * W.real
         return DETUNED_SHARE * W_max if detuned else W_ref
     return W_ref
 
 
 def cut_voltage(V: float, V_max: float) -> float:
-    """Return a voltage in V within 0..V_max; -0 and below become 0, NaN stays."""
+    """Return a voltage in V cut to 0..V_max; -0 and below become 0, NaN stays NaN."""
     return 0.0 if V <= 0.0 else V_max if V_max < V else V
 
 
 def in_limits(V: float, f: float, V_max: float, f_min: float, f_max: float) -> bool:
-    """Whether a drive in V and Hz may go out; NaN may not."""
+    """Return whether a drive in V and Hz is within its limits; False for NaN."""
     return 0.0 <= V <= V_max and f_min <= f <= f_max

@@ -111,8 +111,8 @@ def check_reach(
 ) -> None:
     """Check that the friction of a subject can be brought to both references.
 
-    For all forces, speeds and degrees of occlusion, ``mu(W_max) < 0.95 mu_low`` and ``mu(0) > 1.05
-    mu_high`` must hold.
+    For all forces, speeds and degrees of occlusion, ``mu(W_max) < 0.95 mu_low`` and
+    ``mu(0) > 1.05 mu_high`` must hold.
 
     Parameters
     ----------
