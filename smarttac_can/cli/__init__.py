@@ -1,6 +1,6 @@
-"""The command ``smarttac`` and its subcommands, in families of a module each or two.
+"""The command ``smarttac`` and its subcommands, grouped in families.
 
-A module is loaded when one of its commands is called: `--help` needs none of them, nor a bus.
+The module of a command is imported only when the command is called; `--help` imports none of them.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Examples:
 
 
 class _Command(NamedTuple):
-    """Where a command is, by its name there, and what it does in a line."""
+    """Module of a command, and its one-line description."""
 
     module: str
     does: str
@@ -67,14 +67,14 @@ _COMMANDS: Final = {name: of for commands in FAMILIES.values() for name, of in c
 
 
 class _Families(click.Group):
-    """A group of commands that are loaded when they are called, and listed by family."""
+    """A group of commands that are imported when they are called, and listed by family."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - as click calls it
         """Return the names of the commands."""
         return list(_COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
-        """Load a command; return None if there is none of that name."""
+        """Import a command; return None if there is none with that name."""
         if cmd_name not in _COMMANDS:
             return None
         module = import_module(f"{__name__}.{_COMMANDS[cmd_name].module}")
@@ -82,7 +82,7 @@ class _Families(click.Group):
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
-        """Write the commands of each family with a line on each."""
+        """Write the commands of each family, a line each."""
         width = max(map(len, _COMMANDS))
         for family, commands in FAMILIES.items():
             with formatter.section(family):

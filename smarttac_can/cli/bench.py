@@ -1,4 +1,4 @@
-"""Commands at a stimulator: status, reset, watch, panel, selftest and calibrate."""
+"""Commands for a stimulator: status, reset, watch, panel, selftest and calibrate."""
 
 from __future__ import annotations
 
@@ -83,19 +83,19 @@ _LEVELS: Final = (
     ("normal force", "Contact.Normal force", "Limit.Normal force", "N"),
     ("lateral force", "Contact.Tangential force", "Limit.Lateral force", "N"),
 )
-"""What is measured, by its name here and there, with the limit at which it is a fault."""
+"""Measured values: their names here and in the object dictionary, with the limit of a fault."""
 
 
 class _Watch(NamedTuple):
-    """A node whose heartbeat a stimulator watches."""
+    """A node whose heartbeat a stimulator supervises."""
 
     node_id: int
     entry: int
-    """Sub-index of its entry."""
+    """Sub-index of its entry in the heartbeat consumer."""
     bench: bool
-    """Whether it is that of bench scripts."""
+    """Whether it is the entry of bench scripts."""
     seconds: float
-    """How long it may be silent."""
+    """Consumer heartbeat time in s."""
     heard: bool = False
 
 
@@ -161,7 +161,7 @@ def reset(
 def _cure_of_silence(
     bus: BusChoice, node_id: int, plate_node: int | None, timeout: float
 ) -> Iterator[None]:
-    """Name the node whose lost heartbeat refuses a reset, and what to do, in the error's notes."""
+    """Add the node whose lost heartbeat refuses a reset, and what to do, to the error's notes."""
     try:
         yield
     except FaultError as error:
@@ -185,7 +185,7 @@ def _plain(state: State) -> str:
 def _asked(
     network: canopen.Network, where: str, node_id: int, plate_node: int | None, timeout: float
 ) -> dict[str, Any]:
-    """Ask a stimulator, and listen for the heartbeats of those that it watches."""
+    """Connect to a stimulator, and listen for the heartbeats of the nodes that it supervises."""
     device = RemoteDevice(network, stimulator_od(node_id), where, timeout)
     plate_id = plate_node or _plate_of(device)
     plate = None if plate_id is None else RemoteDevice(network, plate_od(plate_id), where, timeout)
@@ -204,7 +204,7 @@ def _asked(
 
 
 def _plate_of(device: RemoteDevice) -> int | None:
-    """Return the node-ID of the plate that a stimulator is linked to; None if it is inside."""
+    """Return the node-ID of the plate to which a stimulator is linked; None if it is inside."""
     first = RPDO_COMMUNICATION + MEASUREMENT_RPDOS[0] - 1
     cob_id = int(device.read(device.od.entry(first, PDO_COB_ID)))
     plate = (cob_id & CAN_ID_MASK) - TPDO_IDS[0]
@@ -212,7 +212,7 @@ def _plate_of(device: RemoteDevice) -> int | None:
 
 
 def _watches(network: canopen.Network, device: RemoteDevice, plate_id: int | None) -> list[_Watch]:
-    """Return the nodes that a stimulator watches beside its plate, and listen for each of them."""
+    """Return the nodes that a stimulator supervises besides its plate, and listen for each."""
     heard: set[int] = set()
 
     def hear(can_id: int, _data: bytearray, _timestamp: float) -> None:
@@ -333,7 +333,7 @@ _BIT_RATE: Final = 1_000_000
 def _watching(
     bus: BusChoice, node_id: int, plate_node: int | None, drive: bool, *, reads: bool = True
 ) -> Iterator[tuple[Watcher, Listener, Stimulator | None]]:
-    """Watch a stimulator on a bus, and connect to it as well where it is to be driven."""
+    """Watch a stimulator on a bus, and also connect to it if it is to be driven."""
     plate = None if plate_node is None else plate_od(plate_node)
     bit_rate = bus.bitrate or _BIT_RATE
     watcher = Watcher(stimulator_od(node_id), plate, bit_rate=bit_rate, reads=reads)
@@ -582,7 +582,7 @@ def _weighed(
 ) -> tuple[list[Weighing], np.ndarray[Any, Any]]:
     """Return the weighings and the nulls of the bare plate.
 
-    With a gravity a simulated plate puts the weights on by itself, otherwise a person is asked.
+    With a gravity, a simulated plate puts the weights on itself; otherwise the user is asked.
     """
 
     def do(placing: Placing, number: str = "") -> None:
@@ -610,7 +610,7 @@ def _weighed(
 
 
 def _refuse_the_plan(certificate: Path, plan: Path) -> None:
-    """Refuse to write over the plan, under whatever name, also while the certificate is made."""
+    """Refuse a certificate that would overwrite the plan, under any name, also during the work."""
     for path in (
         certificate,
         certificate.resolve().with_name(f"{certificate.resolve().name}.part"),

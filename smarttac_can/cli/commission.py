@@ -347,7 +347,7 @@ def dbc(file: Path, node_id: int, output: Path | None) -> None:
 
 
 def _is_ours(od: ObjectDictionary) -> bool:
-    """Tell whether an EDS is that of a stimulator or plate, by vendor-ID and product code."""
+    """Return whether an EDS is that of a stimulator or plate, by vendor-ID and product code."""
     ours = [load_eds(read_eds(name), od.node_id) for name in PACKAGED]
     return any(
         all(od.number(IDENTITY, sub) == known.number(IDENTITY, sub) for sub in _VENDOR_AND_PRODUCT)
@@ -414,14 +414,14 @@ def _made(file: Path, make: Callable[[str], _Made]) -> _Made:
     Raises
     ------
     click.ClickException
-        If the document cannot be made; the message begins with the name of the file.
+        The document cannot be made; the message begins with the name of the file.
     """
     with naming(file, ValueError):
         return make(read_eds_file(file))
 
 
 def _write(text: str, output: Path | None) -> None:
-    """Write a text to a file, or to stdout if none is given, ending in a new line."""
+    """Write a text, ending in a newline, to a file, or to stdout if none is given."""
     if output is None:
         click.echo(text, nl=not text.endswith("\n"))
     else:
@@ -432,7 +432,7 @@ def _write(text: str, output: Path | None) -> None:
 def _chosen(
     _ctx: click.Context, _param: click.Parameter, values: tuple[str, ...]
 ) -> Sequence[Case]:
-    """Return the cases of numbers such as ``SDO-07`` and groups such as ``SDO``; all if none."""
+    """Return the cases with numbers such as ``SDO-07`` or groups such as ``SDO``; all if none."""
     groups = dict.fromkeys(case.group for case in CASES)
     known = {case.number for case in CASES} | set(groups)
     for value in values:

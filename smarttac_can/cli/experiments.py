@@ -63,14 +63,14 @@ from smarttac_can.vocabulary.states import Law, VibrationLaw
 
 _DEAD_TIME_MAX_US = 999.0
 BIT_RATE = 1_000_000
-"""Bit rate in bit/s of ``--dead-time auto``."""
+"""Bit rate in bit/s that ``--dead-time auto`` assumes."""
 _RESULTS_MAX_BYTES = 4 << 20
-"""Of results.json: those of all experiments take 20 KB."""
+"""Largest size of results.json; that of all experiments has 20 KB."""
 _VIBRATION = frozenset({"fig5", "fig6"})
 
 
 def _dead_time(_ctx: click.Context, _param: click.Parameter, value: str) -> float:
-    """Return ``auto`` or a number of us as a time in us."""
+    """Return ``auto``, or a number of us, as a time in us."""
     if value == "auto":
         return loop_dead_time(BIT_RATE)
     try:
@@ -239,7 +239,7 @@ def report(folder: Path) -> None:
 
 
 def _read_run(folder: Path) -> tuple[list[Trace], dict[str, Any]]:
-    """Read what ``reproduce --output`` wrote."""
+    """Read the traces and results that ``reproduce --output`` wrote."""
     with naming(file := _made(folder, RESULTS), ValueError, RecursionError):
         results = json.loads(read_bounded(file, _RESULTS_MAX_BYTES))
         if not isinstance(results, dict) or "trace_sha256" not in results:
@@ -249,7 +249,7 @@ def _read_run(folder: Path) -> tuple[list[Trace], dict[str, Any]]:
 
 
 def _made(folder: Path, name: str) -> Path:
-    """Return the path of a file that ``reproduce --output`` makes; refused if it is not there."""
+    """Return the path of a file from ``reproduce --output``; refuse if it is missing."""
     file = folder / name
     if not file.exists():
         cure = f"smarttac reproduce --output {folder} makes it"

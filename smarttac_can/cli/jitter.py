@@ -1,4 +1,4 @@
-"""The command that times the loop on this machine and bus: ``jitter``."""
+"""The command ``jitter``, which measures the timing of the loop on this machine and bus."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def _draw(timing: LoopTiming, file: Path) -> None:
 
 
 def _progress(seconds: int) -> Callable[[float, LoopTiming], None]:
-    """Say how it goes every few seconds, if somebody sits at the terminal."""
+    """Return a function that prints the progress every few seconds, on a terminal only."""
     said = 0.0
 
     def show(elapsed: float, timing: LoopTiming) -> None:

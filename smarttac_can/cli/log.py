@@ -1,4 +1,4 @@
-"""Command ``log``: the frames of a log or of a bus in plain text, by the EDS of each node."""
+"""Command ``log``: show the frames of a log or of a bus in plain text, by the EDS of each node."""
 
 from __future__ import annotations
 
@@ -61,16 +61,17 @@ _WAIT_S: Final = 0.1
 _ABORT: Final = 0x80
 _EXPEDITED, _SIZED = 0b10, 0b01
 _DOWNLOAD, _UPLOAD = 1, 2
-"""Command specifiers that begin a transfer: of a request to write, and to read or of its answer."""
+"""Command specifiers that start a transfer: that of a download request, and that of an upload
+request and of its response."""
 
 
 class FrameText:
-    """Says what frames mean; identifiers and mappings are those of the EDS files.
+    """Describe frames as text. Identifiers and mappings are those of the EDS files.
 
     Parameters
     ----------
     nodes
-        What each node is called, and its object dictionary.
+        Name and object dictionary of each node.
     """
 
     def __init__(self, nodes: Iterable[tuple[str, ObjectDictionary]]) -> None:
@@ -83,7 +84,7 @@ class FrameText:
             self._add_pdos(self._names[od.node_id], od)
 
     def of(self, frame: Frame) -> str:
-        """Return what a frame says, in one line."""
+        """Return the meaning of a frame in one line."""
         can_id, data = frame.can_id, frame.data
         if can_id == SYNC_ID:
             return f"SYNC {data[0]}" if data else "SYNC"
@@ -182,7 +183,7 @@ def _value(entry: Entry | None, data: bytes) -> str:
 
 
 def _shown(entry: Entry, raw: object) -> str:
-    """Show a value in its unit; a word by its bits, a number with a name by its name."""
+    """Return a value with its unit, a word as its bits, or a number with a name as that name."""
     if not isinstance(raw, int):
         return repr(raw)
     fields = FIELDS.get(entry.name, ())
@@ -251,7 +252,7 @@ def _nodes(eds_files: dict[int, Path]) -> Iterator[tuple[str, ObjectDictionary]]
 
 
 def _live(bus: BusChoice) -> Iterator[tuple[int, Frame]]:
-    """Yield the frames of a bus with the time at which they were read, until a signal comes."""
+    """Yield the frames of a bus with the time of reception, until a signal comes."""
     frames: deque[Frame] = deque()
     with stop_on_signals() as stop, closing(bus.open()) as connection:
         while not stop():

@@ -77,20 +77,20 @@ _DOUBLE: Final = 1 << Watchdog.DOUBLE
 
 
 class StateLines:
-    """Writes what state a node is in, as an `Observer` of its run: a line for every change.
+    """Print the state of a node, as an `Observer` of its run: a line for every change.
 
     Parameters
     ----------
     name
-        What to call it.
+        Name of the node in the lines.
     where
         Name of the bus.
     node
-        The node.
+        Node to observe.
     write
-        Takes a line, and does not wait.
+        Function that takes a line, and does not block.
     meanwhile
-        Called when the run has time, and each 50 ms at least.
+        Function that is called when the run has time, at least every 50 ms.
     """
 
     def __init__(
@@ -115,7 +115,7 @@ class StateLines:
         self._meanwhile = meanwhile
 
     def started(self) -> None:
-        """Report that the node is ready."""
+        """Print that the node is ready."""
         self._shown = self._now()
         if self._device.storage_torn:
             self._write(
@@ -124,7 +124,7 @@ class StateLines:
         self._write(f"{self._title} ready on {self._where}")
 
     def follow(self) -> None:
-        """Report what has changed."""
+        """Print what has changed."""
         if self._meanwhile is not None:
             self._meanwhile()
         if self._device.bit_rate != self._bit_rate:
@@ -147,19 +147,19 @@ class StateLines:
             self._write(f"{self._title} {reason}")
 
     def stopped(self) -> None:
-        """Report that the node was shut down, a plate at 0 V."""
+        """Print that the node was shut down, and a plate is at 0 V."""
         self._write(f"{self._title} {self._shut_down}")
 
     def lost(self, reason: BusError) -> None:
-        """Report that the bus has failed, and why."""
+        """Print that the bus has failed, and why."""
         self._write(f"{self._title} lost {self._where}, at 0 V: {reason}")
 
     def back(self) -> None:
-        """Report that the bus is there again."""
+        """Print that the bus is available again."""
         self._write(f"{self._title} back on {self._where}")
 
     def full(self, reason: QueueFullError) -> None:
-        """Report that the transmit queue of the bus has no room for a frame of the loop."""
+        """Print that the transmit queue of the bus has no room for a frame of the loop."""
         self._write(f"{self._title} {reason}")
 
     @property
@@ -178,7 +178,7 @@ class StateLines:
 
     @property
     def _reason(self) -> str:
-        """Why stimulator or front end do not drive; empty if they can."""
+        """Return why stimulator or front end do not drive; empty if they can."""
         if self._plate is not None:
             trouble = self._plate.backend.trouble
             return f"front end: {trouble}" if trouble else ""
@@ -189,7 +189,7 @@ class StateLines:
             return ""
         code, text = first.value, message.value
         if latched.value & _DOUBLE:
-            # It may be noticed after what it has led to, and explains that.
+            # It may be detected after the faults that it has caused, and explains them.
             code, text = WATCHDOGS[Watchdog.DOUBLE].code, WATCHDOGS[Watchdog.DOUBLE].text
         return f"fault {code:04X}h: {text}" if code else str(text)
 
@@ -203,20 +203,20 @@ def _diagnosis(od: ObjectDictionary) -> tuple[Entry, Entry, Entry]:
 
 
 class Pace(NamedTuple):
-    """What a node follows: SYNC, or the clock, and how punctually."""
+    """Pace of a node: SYNC or the clock, its priority and its processor."""
 
     lockstep: bool = False
     priority: int | None = None
-    """Of SCHED_FIFO, 1..99; None for an ordinary process."""
+    """Priority of SCHED_FIFO, 1..99; None for an ordinary process."""
     cpu: int | None = None
 
     def begin(self) -> int | None:
-        """Ask the system for what was asked for, and report on stderr what it refuses.
+        """Set priority and processor, and report on stderr what the system refuses.
 
         Raises
         ------
         click.BadParameter
-            If there is no such processor.
+            There is no such processor.
 
         Returns
         -------
@@ -241,7 +241,7 @@ class Pace(NamedTuple):
 
 
 def pace_options(command: Command) -> Command:
-    """Give a command the options of the pace; it is called with ``pace``, a `Pace`."""
+    """Add the options of the pace to a command, which gets ``pace``, a `Pace`."""
 
     @wraps(command)
     def called(
@@ -275,7 +275,7 @@ def pace_options(command: Command) -> Command:
 
 
 def run_in_process(name: str, node: DeviceNode, bus: BusChoice, pace: Pace) -> None:
-    """Run a node until a signal ends it, with a line on stdout for each change of its state."""
+    """Run a node until a signal, with a line on stdout for each change of its state."""
     with ExitStack() as stack:
         stop = stack.enter_context(stop_on_signals())
         writer = stack.enter_context(LineWriter(_stdout()))
@@ -295,7 +295,7 @@ def run_in_process(name: str, node: DeviceNode, bus: BusChoice, pace: Pace) -> N
 
 
 def _stdout() -> int:
-    """Return the descriptor of stdout; one that swallows everything where there is none."""
+    """Return the descriptor of stdout, or of the null device without a stdout."""
     try:
         return sys.stdout.fileno()
     except (OSError, AttributeError, ValueError):
@@ -303,11 +303,11 @@ def _stdout() -> int:
 
 
 _COLUMNS: Final = {"t_s": 1.0, "x_mm": 1e-3, "Fn_N": 1.0}
-"""Names of the columns, with their units in those of the SI."""
+"""Names of the columns, with the SI value of their units."""
 FINGER_HEADER: Final = list(_COLUMNS)
 MAX_FINGER_BYTES: Final = 8 << 20
 MAX_FINGER_ROWS: Final = 100_000
-"""Of a recording: 100 s at 1 kHz."""
+"""Most rows of a recording: 100 s at 1 kHz."""
 
 
 def read_finger(path: Path) -> Trajectory:
@@ -322,10 +322,10 @@ def read_finger(path: Path) -> Trajectory:
     Raises
     ------
     ValueError
-        If the header, a number or the order is not as it should be, or there are more than
-        `MAX_FINGER_ROWS`; names file and line. Or if there are fewer than 2 rows.
+        The header, a number or the order is wrong, or there are fewer than 2 rows or more than
+        `MAX_FINGER_ROWS`. Except for too few rows, the message names file and line.
     OSError
-        If it is no regular file, longer than `MAX_FINGER_BYTES`, or cannot be read.
+        It is no regular file, longer than `MAX_FINGER_BYTES`, or cannot be read.
     """
     data = read_bounded(path, MAX_FINGER_BYTES)
     try:
@@ -335,7 +335,7 @@ def read_finger(path: Path) -> Trajectory:
 
 
 def _samples(text: str) -> list[tuple[float, float, float]]:
-    """Time in s, x in m and Fn in N of each row."""
+    """Return time in s, x in m and Fn in N of each row."""
     samples: list[tuple[float, float, float]] = []
     rows = csv.reader(StringIO(text, newline=""))
     try:
@@ -363,7 +363,7 @@ def _samples(text: str) -> list[tuple[float, float, float]]:
 def _finger(
     _ctx: click.Context, _param: click.Parameter, value: str
 ) -> tuple[int, Trajectory | None]:
-    """Return motion and recording of ``none``, ``stroke`` or a file."""
+    """Return motion and recording for ``none``, ``stroke`` or a file."""
     if value == "none":
         return LIFTED, None
     if value == "stroke":
@@ -377,7 +377,7 @@ def _finger(
 
 
 def node_options(node_id: int) -> Callable[[Command], Command]:
-    """Give a command the options that ``node`` and ``plate`` share; the default node-ID differs."""
+    """Add the options of ``node`` and ``plate`` to a command, with this default node-ID."""
     return with_options(
         bus_options,
         click.option(
@@ -525,7 +525,7 @@ def plate(
 
 @contextmanager
 def _front_end(name: str, *, by_clock: bool) -> Iterator[TimedPlate]:
-    """Open a front end, by a module of the working directory as well."""
+    """Open a front end, which may be a module in the working directory."""
     here = str(Path.cwd())
     sys.path.append(here)
     try:
@@ -539,7 +539,7 @@ def _front_end(name: str, *, by_clock: bool) -> Iterator[TimedPlate]:
 
 @contextmanager
 def _keeping_faults(device: StimulatorNode, storage: StorageFile | None) -> Iterator[None]:
-    """Keep the newest faults beside the stored parameters; a file that fails stops nobody."""
+    """Store the latest faults beside the parameters; a failing file does not stop the node."""
     if storage is None:
         yield
         return
@@ -559,7 +559,7 @@ def _keeping_faults(device: StimulatorNode, storage: StorageFile | None) -> Iter
 
 
 def _refuse_finger(reason: str) -> None:
-    """Refuse options of the simulated plate where there is none."""
+    """Refuse options of the simulated plate if there is none."""
     for name in ("finger", "subject", "seed"):
         if _given(name):
             raise click.UsageError(f"--{name} is {reason}")
@@ -571,7 +571,7 @@ def _given(option: str) -> bool:
 
 
 def _finger_presets(od: ObjectDictionary, motion: int, subject: int, seed: int) -> dict[str, int]:
-    """Return the given options as presets; the rest are defaults, which stored values replace."""
+    """Return the given options as presets; stored values override the defaults of the others."""
     presets: dict[str, int] = {}
     defaults: dict[str, int] = {}
     for option, name, raw in (
@@ -593,7 +593,7 @@ _OWN_EDS = "leave --eds out, or begin with what 'smarttac eds show' writes"
 
 
 def load_device(packaged: str, other: Path | None, node_id: int) -> ObjectDictionary:
-    """Load an EDS of this package, or another in its place, and warn of what is odd about it."""
+    """Load a packaged EDS, or another one in its place, and print its warnings."""
     text = read_eds(packaged) if other is None else read_eds_file(other)
     with naming(other or packaged):
         od = load_eds(text, node_id)
@@ -603,7 +603,7 @@ def load_device(packaged: str, other: Path | None, node_id: int) -> ObjectDictio
 
 @contextmanager
 def blaming(eds: Path | None) -> Iterator[None]:
-    """Turn an EDS that lacks what a node needs into an error that names the file."""
+    """Convert an error about objects that the EDS lacks to one that names the file."""
     try:
         yield
     except (KeyError, ValueError, Abort) as error:

@@ -1,4 +1,4 @@
-"""Commands that make a recording and compute one again: ``record`` and ``replay``."""
+"""Commands that make a recording and compute it again: ``record`` and ``replay``."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def record(
 
 
 def _refuse_twice(file: Path, *others: Path | None) -> None:
-    """Refuse another file in the place of the recording, or of what stands beside it."""
+    """Refuse another file with the path of the recording, or of a file beside it."""
     own = [file.with_name(file.name + suffix).resolve() for suffix in ("", ".log", ".part")]
     for other in others:
         if other is not None and other.resolve() in own:
@@ -154,7 +154,7 @@ def _record(
 
 
 def _wait(recording: Recording, stopped: Callable[[], bool], seconds: float | None) -> None:
-    """Wait until the recording is to end, and report on stderr how it goes."""
+    """Wait for the end of the recording, and print its progress on stderr."""
     begun = said = monotonic()
     cycles = recording.cycles
     silent = False
@@ -196,11 +196,11 @@ def _counted(number: int, what: str) -> str:
 
 
 _FRAMES: Final = 1000
-"""How many are replayed between two looks at the clock."""
+"""Number of frames that are replayed between two checks of the clock."""
 _SAID_S: Final = 1.0
 _EARLY_S: Final = 1.0
 _TOLD: Final = ("lockstep", "produce_sync", "plate_node", "deadline", "eds", "storage")
-"""Parameters that tell how the stimulator was started."""
+"""Parameters that describe how the stimulator was started."""
 
 
 @click.command(
@@ -281,7 +281,7 @@ def replay(
                 storage=memory,
             )
 
-        power_on()  # an EDS that does not suit is refused before the log is read
+        power_on()  # refuse a wrong EDS before the log is read
         found = _replay(log, Replay(power_on, node_id, lockstep=lockstep))
         report_results({"log": str(log), **_as_json(found)}, [_line(log, found)], results)
     if isinstance(found, DifferenceError):
@@ -289,7 +289,7 @@ def replay(
 
 
 def _perhaps_told(done: Replayed) -> str:
-    """Name the options of which one may be missing, if a log differs from its beginning on."""
+    """Return a hint to options that may be missing, if a log differs from its start on."""
     given = click.get_current_context().get_parameter_source
     left = [f"--{o.replace('_', '-')}" for o in _TOLD if given(o) is ParameterSource.DEFAULT]
     if not left or done.ended_s - done.begun_s > _EARLY_S:
@@ -300,7 +300,7 @@ def _perhaps_told(done: Replayed) -> str:
 
 
 def _replay(log: Path, run: Replay) -> Replayed | DifferenceError:
-    """Replay all of a log, or up to the first difference."""
+    """Replay a log to its end, or to the first difference."""
     try:
         for time, frame in _showing(
             read_log(log, lambda line: click.echo(one_line(line), err=True))
@@ -317,7 +317,7 @@ def _replay(log: Path, run: Replay) -> Replayed | DifferenceError:
 
 
 def _showing(frames: Iterable[tuple[int, Frame]]) -> Iterator[tuple[int, Frame]]:
-    """Say on the terminal once a second how far the replay is."""
+    """Yield the frames, and print the progress of the replay on a terminal once a second."""
     said = monotonic()
     first: int | None = None
     for number, (time, frame) in enumerate(frames):

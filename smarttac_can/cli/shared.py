@@ -1,4 +1,4 @@
-"""What commands share: errors in one line, options of bus and node, files for results."""
+"""Shared parts of the commands: one-line errors, options of bus and node, files for results."""
 
 from __future__ import annotations
 
@@ -45,11 +45,11 @@ _MOST_WARNINGS: Final = 20
 
 @contextmanager
 def plain_errors(*others: type[Exception]) -> Iterator[None]:
-    """Turn the errors of bus, bench, EDS, files, killed processes and others into one line."""
+    """Convert errors of bus, bench, EDS, files, killed processes and ``others`` to one line."""
     plain: tuple[type[Exception], ...] = (BenchError, BusError, EDSError, *others)
     try:
         yield
-    except KeyboardInterrupt:  # that of a run is an error of the bench as well
+    except KeyboardInterrupt:  # a KeyboardInterrupt of a run is also an error of the bench
         raise
     except plain as error:
         texts = map(in_shell_words, (error, *getattr(error, "__notes__", ())))
@@ -62,7 +62,7 @@ def plain_errors(*others: type[Exception]) -> Iterator[None]:
 
 @contextmanager
 def naming(file: str | Path, *others: type[Exception]) -> Iterator[None]:
-    """Put the name of the file in front of what is wrong with an EDS, or of other errors."""
+    """Prefix the errors of an EDS, and ``others``, with the name of the file."""
     wrong: tuple[type[Exception], ...] = (EDSError, *others)
     try:
         yield
@@ -71,7 +71,7 @@ def naming(file: str | Path, *others: type[Exception]) -> Iterator[None]:
 
 
 def warn(file: str | Path, warnings: Sequence[str]) -> None:
-    """Say on stderr what is odd about a file; beyond 20 lines only how many more there are."""
+    """Print the warnings about a file on stderr: the first 20, and the number of the others."""
     for warning in warnings[:_MOST_WARNINGS]:
         click.echo(one_line(f"{file}: {warning}"), err=True)
     if more := len(warnings[_MOST_WARNINGS:]):
@@ -79,13 +79,13 @@ def warn(file: str | Path, warnings: Sequence[str]) -> None:
 
 
 def need_matplotlib() -> None:
-    """Refuse a command that draws, before its work begins, if matplotlib is missing."""
+    """Refuse a command that draws before its work starts, if matplotlib is missing."""
     with plain_errors():
         require_matplotlib()
 
 
 def one_line(text: object) -> str:
-    """Make a line of at most 500 characters that a terminal only shows, whatever a file holds."""
+    """Return a line of at most 500 printable characters, as files may hold control characters."""
     line = " ".join(str(text).split())
     if len(line) > _LONGEST_LINE:
         line = f"{line[:_LONGEST_LINE]}..."
@@ -96,7 +96,7 @@ Command = Callable[..., Any]
 
 
 class FiniteRange(click.FloatRange):
-    """Range of floats without nan, which passes click's comparisons, and inf."""
+    """Range of finite floats: without nan, which passes click's comparisons, and inf."""
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
@@ -109,7 +109,7 @@ class FiniteRange(click.FloatRange):
 
 
 def _eds_path(value: str) -> Path:
-    """Find an EDS of any maker, or one of this package by the name of its node."""
+    """Return the path of an EDS file, or of a packaged one by the name of its node."""
     path = Path(value)
     if path.is_dir():
         raise click.BadParameter(f"{value!r} is a directory")
@@ -148,14 +148,14 @@ lockstep_option = click.option(
 
 
 def seed_option(text: str) -> Callable[[Command], Command]:
-    """Option of the seed of what is drawn at random, with this help."""
+    """Return the option of the seed of random draws, with this help."""
     return click.option(
         "--seed", type=click.IntRange(0, 2**32 - 1), default=1, show_default=True, help=text
     )
 
 
 def law_option(name: str, laws: type[IntEnum], text: str) -> Callable[[Command], Command]:
-    """Option of one of some laws, the first, which is the paper's, unless given; with this help."""
+    """Return the option of a law, with this help; the default is the first, that of the paper."""
     return click.option(
         name,
         type=click.Choice([law.name.lower() for law in laws]),
@@ -174,18 +174,18 @@ unconfigured_option = click.option(
 
 
 def own_node_id(node_id: int | None, unconfigured: bool) -> int | None:
-    """Return the node-ID a person gave; it wins over a stored one.
+    """Return the node-ID that a user gave, which overrides a stored one.
 
     Returns
     -------
     int or None
-        `UNCONFIGURED` for a device that waits for LSS; None if the stored one, or else the default,
-        is to hold.
+        `UNCONFIGURED` for a device that waits for LSS; None for the stored node-ID, or else the
+        default.
 
     Raises
     ------
     click.UsageError
-        If a node-ID is given to an unconfigured device.
+        A node-ID is given for an unconfigured device.
     """
     if unconfigured and node_id is not None:
         raise click.UsageError(f"--unconfigured has no --node-id, but {node_id} is given")
@@ -195,7 +195,7 @@ def own_node_id(node_id: int | None, unconfigured: bool) -> int | None:
 def _storage(
     _ctx: click.Context, _param: click.Parameter, value: Path | None
 ) -> StorageFile | None:
-    """Refuse what could not be read at power-on, a store would spoil, or could not be written."""
+    """Return the storage file; refuse one that is unreadable, not writable or not a storage."""
     if value is None:
         return None
     file = StorageFile(value)
@@ -214,12 +214,12 @@ def _storage(
 
 
 def require_image(path: Path) -> bytes:
-    """Read a file that has to hold what a device stored, torn or another's perhaps, or nothing.
+    """Read a file that is empty, or holds the storage of a device, perhaps torn or of another one.
 
     Raises
     ------
     click.ClickException
-        If it holds something else.
+        It holds something else.
     OSError
         As for `read_bounded`.
     """
@@ -230,19 +230,19 @@ def require_image(path: Path) -> bytes:
 
 
 def storage_option(text: str) -> Callable[[Command], Command]:
-    """Option of a file for what a device stores, with this help."""
+    """Return the option of a file for the storage of a device, with this help."""
     kind = click.Path(path_type=Path)
     return click.option("--storage", type=kind, metavar="FILE", callback=_storage, help=text)
 
 
 class BusChoice(NamedTuple):
-    """Which bus of python-can; what is None comes from python-can's configuration."""
+    """A bus of python-can; None means the value in python-can's configuration."""
 
     interface: str | None
     channel: str | None
     bitrate: int | None
     others: dict[str, Any]
-    """Options of the interface by their names there."""
+    """Options of the interface, by their names in python-can."""
 
     @property
     def where(self) -> str:
@@ -253,7 +253,7 @@ class BusChoice(NamedTuple):
 
     @property
     def options(self) -> dict[str, Any]:
-        """What was given, as `can.Bus` takes it."""
+        """Options that were given, in the form for `can.Bus`."""
         own = {"interface": self.interface, "channel": self.channel, "bitrate": self.bitrate}
         return {key: value for key, value in own.items() if value is not None} | self.others
 
@@ -263,7 +263,7 @@ class BusChoice(NamedTuple):
         Raises
         ------
         BusError
-            If it cannot be opened.
+            It cannot be opened.
         """
         return PythonCanBus(self.interface, self.channel, self.bitrate, **self.others)
 
@@ -273,7 +273,7 @@ class BusChoice(NamedTuple):
         Raises
         ------
         BusError
-            If it cannot be opened.
+            It cannot be opened.
         """
         network = TappedNetwork()
         with opening(self.interface, self.channel, BusError):
@@ -283,7 +283,7 @@ class BusChoice(NamedTuple):
 
 @contextmanager
 def closing_network(bus: BusChoice) -> Iterator[canopen.Network]:
-    """Open a bus as a network, and leave it on every way out."""
+    """Open a bus as a network, and disconnect at the end of the block, also after an error."""
     network = bus.open_network()
     try:
         yield network
@@ -292,7 +292,7 @@ def closing_network(bus: BusChoice) -> Iterator[canopen.Network]:
 
 
 def with_options(*options: Callable[[Command], Command]) -> Callable[[Command], Command]:
-    """Put several options on a command, in the order in which its help shows them."""
+    """Return a decorator that adds several options, in the order of the help."""
     return lambda command: reduce(lambda made, option: option(made), reversed(options), command)
 
 
@@ -311,7 +311,7 @@ def _bus_option(
 
 
 def bus_options(command: Command) -> Command:
-    """Give a command the options of the bus; it is called with ``bus``, a `BusChoice`."""
+    """Add the options of the bus to a command, which gets ``bus``, a `BusChoice`."""
 
     @wraps(command)
     def called(
@@ -353,12 +353,12 @@ stimulator_options = with_options(
     ),
     click.option("--plate-node", type=NODE_ID, help="Node-ID of the plate, if it is a node."),
 )
-"""Options of a command that reaches a stimulator: those of the bus, and who is asked there."""
+"""Options of a command for a stimulator: those of the bus, and the node-IDs."""
 
-# Files and folders for results: nothing that is there is replaced without ``--force``.
+# Files and folders for results: nothing is replaced without ``--force``.
 #
-# What would be replaced is refused before the work begins. New results take the place of old ones
-# when all of them are written, so that a run that fails leaves the old ones as they were.
+# A command that would replace something is refused before its work starts. New results replace old
+# ones only after all of them are written, so a run that fails leaves the old results unchanged.
 
 
 _FORCE: Final = f"{__name__}.force"
@@ -366,10 +366,10 @@ _MOST_NAMED: Final = 3
 
 
 class _ResultPath(click.Path):
-    """Path for results, refused if it holds something, unless ``--force`` was given."""
+    """Path for results, refused if it is not empty, unless ``--force`` was given."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Return the path; refuse one that holds something."""
+        """Return the path; refuse one that is not empty."""
         path = super().convert(value, param, ctx)
         assert isinstance(path, Path)
         if ctx is not None and not ctx.meta.get(_FORCE) and (held := _held(path)):
@@ -378,9 +378,9 @@ class _ResultPath(click.Path):
 
 
 def _held(path: Path) -> str:
-    """Say what a path holds that results would replace; empty for nothing, and for a device."""
+    """Return what results would replace at a path; empty for nothing, and for a device."""
     if path.is_dir():
-        # What is hidden is not the work of a person: .gitkeep, .DS_Store.
+        # Ignore hidden files, which no user made: .gitkeep, .DS_Store.
         names = sorted(file.name for file in path.iterdir() if not file.name.startswith("."))
         if not names:
             return ""
@@ -400,7 +400,7 @@ def _take_force(ctx: click.Context, _param: click.Parameter, value: bool) -> Non
 
 
 def force_option(text: str = "Replace older results.") -> Callable[[Command], Command]:
-    """Option that lets older results be replaced, with this help; the command is not told of it."""
+    """Return the option to replace older results, with this help; the command does not get it."""
     return click.option(
         "--force", is_flag=True, is_eager=True, expose_value=False, callback=_take_force, help=text
     )
@@ -409,15 +409,15 @@ def force_option(text: str = "Replace older results.") -> Callable[[Command], Co
 result_path = _ResultPath(dir_okay=False, writable=True, path_type=Path)
 """Parameter type of a file for results; the command needs a `force_option`."""
 result_folder_path = _ResultPath(file_okay=False, path_type=Path)
-"""The same for a folder."""
+"""Parameter type of a folder for results; the command needs a `force_option`."""
 
 
 def json_options(
     *, bare: bool = False, force: str = "Replace older results."
 ) -> Callable[[Command], Command]:
-    """Options of a file for results, and of replacing it; the command is called with ``json_file``.
+    """Return the options of a file for results and of replacing it; the command gets ``json_file``.
 
-    With `bare`, for a command whose results are all that it prints, ``--json`` alone is stdout.
+    With `bare`, for a command that prints only its results, ``--json`` without a file means stdout.
     """
     own: dict[str, Any] = {"help": "File for the results; - is stdout."}
     if bare:
@@ -428,7 +428,7 @@ def json_options(
 
 
 def opened_results(stack: ExitStack, json_file: Path | None) -> TextIO | None:
-    """Open the file for the results before the run; None for none."""
+    """Open the file for the results before the run; return None if there is none."""
     if json_file is None:
         return None
     if json_file == Path("-"):
@@ -437,7 +437,7 @@ def opened_results(stack: ExitStack, json_file: Path | None) -> TextIO | None:
 
 
 def report_results(results: object, lines: Iterable[str], file: TextIO | None) -> None:
-    """Write results to their file, and lines to stdout unless it has the results."""
+    """Write the results to their file, and lines to stdout unless that is the file."""
     if file is not None:
         click.echo(json.dumps(results, indent=2), file)
     if file is not sys.stdout and (text := "\n".join(lines)):
@@ -446,38 +446,38 @@ def report_results(results: object, lines: Iterable[str], file: TextIO | None) -
 
 @contextmanager
 def _made(folder: Path) -> Iterator[None]:
-    """Make a folder if there is none; if nothing is in it after the block, it is gone again."""
+    """Create a folder if it does not exist, and remove it after the block if it is empty."""
     new = not folder.exists()
     folder.mkdir(parents=True, exist_ok=True)
     try:
         yield
     finally:
         if new:
-            with suppress(OSError):  # it has results
+            with suppress(OSError):  # it is not empty
                 folder.rmdir()
 
 
 @contextmanager
 def result_folder(folder: Path, names: Iterable[str]) -> Iterator[Path]:
-    """Give an empty folder whose files take the place of old results when all of them are there.
+    """Yield an empty folder whose files replace old results after the block.
 
     Parameters
     ----------
     folder
-        Where they are to be; made if it does not exist.
+        Folder of the results; created if it does not exist.
     names
-        Of all files that such results may have: old ones that were not made anew are removed.
-        Files of other names stay.
+        Names of all files that the results may have. Old files with these names that were not
+        written again are removed; files with other names stay.
 
     Yields
     ------
     Path
-        A folder inside it, where the results are to be written.
+        Folder inside it into which the results are to be written.
 
     Raises
     ------
     OSError
-        If it cannot be written.
+        It cannot be written.
     """
     with ExitStack() as stack:
         stack.enter_context(_made(folder))

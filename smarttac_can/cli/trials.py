@@ -1,4 +1,4 @@
-"""Commands that break things on purpose: ``faults``, ``soak``, ``hostile`` and ``fmeda``."""
+"""Commands that inject faults on purpose: ``faults``, ``soak``, ``hostile`` and ``fmeda``."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def _fault(_ctx: click.Context, _param: click.Parameter, names: tuple[str, ...])
 
 
 def _quoted(names: Iterable[str], separator: str) -> str:
-    """Join names that hold commas themselves."""
+    """Return names in quotes, as they contain commas themselves, joined by a separator."""
     return separator.join(map(repr, names))
 
 
@@ -181,7 +181,7 @@ def faults(
 
 
 def _require_alone(context: click.Context, name: str) -> None:
-    """Refuse any other option beside one that leaves nothing for it to do."""
+    """Refuse any other option beside one that excludes all others."""
     for parameter in context.command.params:
         source = context.get_parameter_source(str(parameter.name))
         if parameter.name != name and source is ParameterSource.COMMANDLINE:
@@ -189,7 +189,7 @@ def _require_alone(context: click.Context, name: str) -> None:
 
 
 def _verify(log: Path, rows: Path) -> None:
-    """Show how many fields of rows a log confirms; the first that it does not is an error."""
+    """Print how many fields of rows a log confirms; the first wrong one is an error."""
     with plain_errors(ValueError, RecursionError):
         with naming(rows, ValueError, RecursionError):
             said = _read_rows(rows)
@@ -276,7 +276,7 @@ def _soak_summary(report: SoakReport) -> str:
 
 
 def _margins(margins: Table) -> Iterator[str]:
-    """Show levels by mode, one watch a line; events have none."""
+    """Yield the levels by mode, a watchdog per line; events have none."""
     for at, (name, what, *levels) in enumerate(margin_rows(margins)):
         cells = levels if what != "event" else ["event"]
         first = name if at else ""
@@ -319,9 +319,9 @@ def _attack_summary(report: HostileReport) -> str:
 
 
 _WORTH_A_PROCESS: Final = 8
-"""Fewer cells are done sooner than a process has begun."""
+"""Least number of cells for which starting a process saves time."""
 _WORST: Final = 20
-"""Violations that are printed."""
+"""Most violations that are printed."""
 
 
 def _cell(_ctx: click.Context, _param: click.Parameter, texts: tuple[str, ...]) -> list[Cell]:
@@ -411,7 +411,7 @@ def fmeda(
 
 
 def _jobs_for(items: int) -> int:
-    """Return how many processes share so many: one for each processor, if it has work."""
+    """Return the number of processes for so many items: one for each processor that has work."""
     return min(os.cpu_count() or 1, -(-items // _WORTH_A_PROCESS))
 
 
