@@ -1,4 +1,4 @@
-"""A panel in the browser for a simulated bench, or a stimulator on a bus. Needs aiohttp."""
+"""Panel in a browser for a simulated bench, or for a stimulator on a bus. Needs aiohttp."""
 
 from smarttac_can.panel.instrument import BusInstrument, Instrument, SimulatedBench
 

@@ -1,8 +1,8 @@
-"""What a panel shows and drives, in a thread of its own: a simulated bench, or a bus.
+"""The instrument that a panel shows and drives, in its own thread: a simulated bench, or a bus.
 
-Nothing here waits for the server. The server may stall, and a page may fall silent: the thread of
-the instrument sees that the page that drives was not heard for `LEASE_S`, and goes to 0 V by
-itself. If the thread stalls, a simulation stands still, and on a bus the stimulator misses the
+The instrument never waits for the server. If the server stalls or the driving page falls silent,
+the thread of the instrument notices that it has not received the page for `LEASE_S`, and goes to 0
+V itself. If the thread stalls, a simulation stands still, and on a bus the stimulator loses the
 heartbeat of the process.
 """
 
@@ -29,7 +29,8 @@ from smarttac_can.watch.listener import Listener
 from smarttac_can.watch.watcher import PUBLISHED, READ, View, Watcher, view_of
 
 LEASE_S: Final = 0.8
-"""Time in s after which a page that is not heard loses the drive; a bench's heartbeat has 1 s."""
+"""Time in s after which a silent page loses the right to drive; the heartbeat of a bench has 1
+s."""
 _END_S: Final = 5.0
 _SIMULATED_S: Final = 0.01
 _HEARD_S: Final = 0.02
@@ -37,7 +38,7 @@ _CYCLE_S: Final = 1e-3
 _MOST_CYCLES: Final = 100
 """What a simulation makes up for at once; a machine that is slower lets its time pass slower."""
 _MOST_WAITING: Final = 4
-"""Lines that may wait: a person enters a value and clicks before it is written."""
+"""Most lines in the queue: a user may enter a value and click before it is written."""
 _PLANE: Final = ("Vibration.W_d", "Vibration.W_q")
 _FAULTS: Final[Mapping[str, tuple[FaultKind, int, int]]] = {
     "a gauge is stuck": (FaultKind.STUCK, 3, 0),
@@ -50,7 +51,7 @@ _FAULTS: Final[Mapping[str, tuple[FaultKind, int, int]]] = {
     "the finger slams": (FaultKind.SLAM, 1, 8000),
     "the power stage is stuck": (FaultKind.STAGE_STUCK, 1, 14_000),
 }
-"""What a person can break: kind, sensor and value of the fault."""
+"""Faults that a user can inject: kind, sensor and value."""
 FAULTS: Final = tuple(_FAULTS)
 _TEXTURES: Final = ((10.0, 0.2, 0.35, "square"), (20.0, 0.2, 0.35, "sine"))
 """Period in mm, lowest and highest COF, and shape of the textures of a simulated bench."""
@@ -58,7 +59,7 @@ _STROKE_WORDS: Final = 3
 
 
 class Lease:
-    """The right of one page to drive, for as long as it is heard; safe in any thread."""
+    """The right of one page to drive, while the page is received; safe in any thread."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -66,20 +67,20 @@ class Lease:
         self._heard = 0.0
 
     def take(self, who: object, now: float) -> bool:
-        """Give the right at a time in s, unless another page has it; return whether it is held."""
+        """Grant the right at a time in s if it is free; return whether the page has it."""
         with self._lock:
             if self._who is None:
                 self._who, self._heard = who, now
             return self._who is who
 
     def renew(self, who: object, now: float) -> None:
-        """Record that a page was heard at a time in s."""
+        """Record that a page was received at a time in s."""
         with self._lock:
             if self._who is who:
                 self._heard = now
 
     def drop(self, who: object) -> bool:
-        """Take the right from a page; return whether it held it."""
+        """Take the right from a page; return whether the page had it."""
         with self._lock:
             dropped = self._who is who
             if dropped:
@@ -87,12 +88,12 @@ class Lease:
             return dropped
 
     def held_by(self, who: object) -> bool:
-        """Return whether a page holds the right."""
+        """Return whether a page has the right."""
         with self._lock:
             return self._who is who
 
     def expire(self, now: float) -> bool:
-        """End the right if its page was not heard for `LEASE_S`; return whether it ended now."""
+        """End the right if its page was silent for `LEASE_S`; return whether it ended now."""
         with self._lock:
             expired = self._who is not None and now - self._heard > LEASE_S
             if expired:
@@ -111,16 +112,16 @@ class Seen(NamedTuple):
 
 
 class Instrument(Background, ABC):
-    """An instrument in a thread of its own while its block lasts.
+    """An instrument that runs in its own thread during its block.
 
     Parameters
     ----------
     where
-        Name of what it is on.
+        Name of the bus or bench.
     od
-        EDS of the stimulator.
+        Object dictionary of the stimulator.
     drives
-        Whether it takes commands at all.
+        Whether it accepts commands.
     pause
         Longest time between two steps in s.
 
@@ -131,7 +132,7 @@ class Instrument(Background, ABC):
     seen
         What it showed last; None at the beginning.
     answer
-        What became of the last command.
+        Result of the last command.
     """
 
     simulated = False
@@ -149,19 +150,19 @@ class Instrument(Background, ABC):
         self._waiting: deque[tuple[object, str]] = deque()
 
     def stop(self, why: str = "stop") -> None:
-        """Go to 0 V, whatever else is being done or waits; from any thread."""
+        """Go to 0 V from any thread, whatever is in progress or queued."""
         if self.drives:
             self.answer = why
             self._stopping.set()
             self._wake.set()
 
     def leave(self, who: object) -> None:
-        """Go to 0 V if a page that is gone was driving."""
+        """Go to 0 V if the page that has left was driving."""
         if self.lease.drop(who):
             self.stop("the page that drove has left: stopped")
 
     def command(self, who: object, text: str) -> None:
-        """Queue a line of the page that drives; `answer` says what became of it."""
+        """Queue a line of the driving page; `answer` gives the result."""
         if not self.lease.held_by(who):
             self.answer = f"{text}: not done, this page does not drive"
         elif self._stops() or len(self._waiting) >= _MOST_WAITING:
@@ -171,19 +172,19 @@ class Instrument(Background, ABC):
             self._wake.set()
 
     def guide(self, who: object, x_mm: float, force: float) -> None:
-        """Move the finger of a simulation to a place in mm with a force in N.
+        """Move the finger of a simulation to a position in mm with a force in N.
 
         Raises
         ------
         ValueError
-            If one is out of range.
+            A value is out of range.
         """
 
     def _stops(self) -> bool:
         return self._stopping.is_set()
 
     def _begin_stop(self) -> bool:
-        """Return whether a stop was asked for; what waits is then not done."""
+        """Return whether a stop was requested; the queue is then cleared."""
         stopping = self._stopping.is_set()
         if stopping:
             self._waiting.clear()
@@ -199,7 +200,7 @@ class Instrument(Background, ABC):
             self.step(now)
             self._wake.wait(self._pause)
         self.stop("the panel has ended: stopped")
-        # Two cycles on, so that a simulation shows it.
+        # Two more cycles, so that a simulation shows the stop.
         self.step(monotonic() + 2.0 * _CYCLE_S)
 
     def _call_off(self) -> None:
@@ -208,7 +209,7 @@ class Instrument(Background, ABC):
 
     @abstractmethod
     def step(self, now: float) -> None:
-        """Go on to a time in s."""
+        """Advance to a time in s."""
 
 
 class SimulatedBench(Instrument):
@@ -231,18 +232,18 @@ class SimulatedBench(Instrument):
         self._simulated_to: float | None = None
 
     def guide(self, who: object, x_mm: float, force: float) -> None:
-        """As for any instrument."""
+        """Guide the finger, if the page has the right to drive."""
         if self.lease.held_by(who):
             self._finger.guide(x_mm * 1e-3, force)
 
     def leave(self, who: object) -> None:
-        """As for any instrument; the finger is lifted."""
+        """Lift the finger and go to 0 V if the page was driving."""
         if self.lease.held_by(who):
             self._finger.guide(0.0, 0.0)
         super().leave(who)
 
     def step(self, now: float) -> None:
-        """Disarm if that was asked for, do what else was, and simulate the time that has passed."""
+        """Disarm if requested, else obey the next line; then simulate the elapsed time."""
         if self._begin_stop():
             self._stimulator.disarm()
         elif self._waiting:
@@ -299,20 +300,20 @@ class SimulatedBench(Instrument):
 
 
 class BusInstrument(Instrument):
-    """A stimulator on a bus, as a `Watcher` has it.
+    """A stimulator on a bus, observed by a `Watcher`.
 
     Parameters
     ----------
     where
         Name of the bus.
     od
-        EDS of the stimulator.
+        Object dictionary of the stimulator.
     watcher
-        What is shown.
+        Watcher whose view is shown.
     listener
-        Where its frames come from, running.
+        Running source of frames.
     stimulator
-        What is driven; None to look on only. A thread of its own waits for its answers.
+        Stimulator to drive; None to observe only. A thread of its own waits for its answers.
     """
 
     def __init__(
@@ -330,7 +331,7 @@ class BusInstrument(Instrument):
         self._doing: Future[str] | None = None
 
     def step(self, now: float) -> None:
-        """Take what was heard, send what is due, and follow what is being done."""
+        """Take received frames, send those that are due, and follow the command in progress."""
         watcher = self._watcher
         if self._begin_stop():
             watcher.stop()
@@ -340,7 +341,7 @@ class BusInstrument(Instrument):
         for at, frame in self._listener.heard():
             watcher.receive(at, frame)
         if self._doing is not None and watcher.stopping:
-            # What is being done must not arm behind the stop's back.
+            # The command in progress must not arm again after the stop.
             watcher.stop()
         if self._doing is not None and self._doing.done():
             self.answer = self._doing.result()
@@ -366,7 +367,7 @@ class BusInstrument(Instrument):
 
 
 def _answer(do: Callable[[], str]) -> str:
-    """Do something, and return what became of it, as a line that a page only shows."""
+    """Call a function, and return its result or error as printable text for a page."""
     try:
         answer = do()
     except (BenchError, ValueError) as error:

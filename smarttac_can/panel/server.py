@@ -1,8 +1,8 @@
 """The server of a panel: one page, and a WebSocket for each that is open. Needs aiohttp.
 
-The server sends a numbered update, and no other one until the page has answered that it shows this
-one. What has not been sent then is never sent: nothing queues. The same answer is the sign of life
-of the page that drives: see `Instrument`.
+The server sends a numbered update, and the next one only after the page has confirmed that it shows
+this one. Updates are skipped meanwhile, so nothing queues. The confirmation is also the sign of
+life of the driving page: see `Instrument`.
 
 Who may do what:
 
@@ -34,7 +34,7 @@ from smarttac_can.vocabulary.states import Law, Mode
 UPDATE_S: Final = 0.1
 _MOST_PAGES: Final = 8
 _MOST_BYTES: Final = 1000
-"""Of a message from a page."""
+"""Most bytes of a message from a page."""
 _PING_S: Final = 10.0
 _SHUTDOWN_S: Final = 1.0
 _DIGITS: Final = 6
@@ -61,26 +61,26 @@ _Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 class _Page:
-    """A page that is open."""
+    """An open page."""
 
     def __init__(self) -> None:
         self.trusted = False
-        """Whether it has shown the token."""
+        """Whether it has presented the token."""
         self.sent = 0
         self.seen = 0
 
 
 class Panel:
-    """Shows an instrument to every page, and lets one with the token drive it.
+    """Show an instrument to every page, and let one page with the token drive it.
 
     Parameters
     ----------
     instrument
-        What is shown, running.
+        Running instrument.
     token
-        What a page shows to stop and to drive.
+        Token that a page needs to stop and to drive.
     host
-        Name or address by which pages reach the server.
+        Name or address with which pages reach the server.
     """
 
     def __init__(self, instrument: Instrument, token: str, host: str) -> None:
@@ -97,7 +97,7 @@ class Panel:
         self._pages: set[web.WebSocketResponse] = set()
 
     def app(self) -> web.Application:
-        """Return the application that serves it."""
+        """Return the aiohttp application of the panel."""
         app = web.Application(middlewares=[self._check])
         for place in self._files:
             app.router.add_get(place, self._file)
@@ -107,7 +107,7 @@ class Panel:
 
     @web.middleware
     async def _check(self, request: web.Request, handler: _Handler) -> web.StreamResponse:
-        """Refuse what a page of somebody else may have sent, by its name for this server."""
+        """Refuse requests with another host name, which may come from a foreign page."""
         host = request.headers.get("Host", "")
         name = host.rpartition(":")[0] if host[-1:] != "]" and ":" in host else host
         if name not in self._hosts:
@@ -157,7 +157,7 @@ class Panel:
                 return
 
     def _do(self, page: _Page, asked: Mapping[str, Any]) -> None:
-        """Do what a page asks for."""
+        """Execute a request of a page."""
         instrument = self._instrument
         do = asked["do"]
         if do == "seen":
@@ -192,7 +192,7 @@ class Panel:
                 await asyncio.sleep(UPDATE_S)
 
     def _introduction(self) -> dict[str, Any]:
-        """Return what does not change: the first message."""
+        """Return the first message, with everything that does not change."""
         instrument = self._instrument
         rows = []
         for name, of_object, unit in _SET_POINTS:
