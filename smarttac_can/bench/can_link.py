@@ -387,7 +387,7 @@ class CanLink:
 
     @property
     def only_read(self) -> bool:
-        """Whether this bench has sent no command, so that another one may be the commander."""
+        """Whether another bench may be the commander, and this one is not; False in lockstep."""
         return self._heartbeat is not None and not self._heartbeat.begun
 
     def close(self) -> None:

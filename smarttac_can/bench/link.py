@@ -143,7 +143,7 @@ class Link(Protocol):
 
     @property
     def only_read(self) -> bool:
-        """Whether this bench has sent no command, so that another one may be the commander."""
+        """Whether another bench may be the commander, and this one is not."""
 
     def drive(self) -> None:
         """Become the commander of the stimulator.

@@ -58,7 +58,7 @@ _NEEDS: Final = {
     for other in COLUMNS
     if column.needs == other.name
 }
-"""By object that may have no value: the object that is 0 when it has none."""
+"""For each object that may have no value: the object whose 0 marks this."""
 _CHUNK_ROWS: Final = 8192
 _NOT_OF_A_RECORDING: Final = (KeyError, TypeError, ValueError, AttributeError, OverflowError)
 """Errors raised by a head that is not that of a recording."""

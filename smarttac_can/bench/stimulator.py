@@ -442,7 +442,7 @@ class Stimulator(NamedObjects):
         self._knows_fault = False
 
     def start_run(self) -> None:
-        """Restart the simulation at tick 0: plate at rest, finger and noise reset, no control."""
+        """Restart plate, finger and noise of the simulation at tick 0, with the controllers off."""
         self._link.drive()
         self._link.start_run()
 

@@ -617,7 +617,7 @@ class Harmonic(NamedTuple):
 
 @dataclass(frozen=True)
 class Tracking:
-    """How the COF of one or more passes follows a texture over position, without any shift."""
+    """Tracking of a texture over position by the COF of one or more passes, without a shift."""
 
     passes: int
     """Number of passes."""

@@ -167,7 +167,7 @@ def _lowered(section: SectionProxy) -> dict[str, str]:
 
 
 def _resolve_node_id(file: ConfigParser, od: ObjectDictionary) -> None:
-    """Replace formulas with ``$NODEID`` by numbers, but keep values configured differently."""
+    """Write the numbers of ``$NODEID`` formulas, but keep values configured otherwise."""
     before = _lowered(_section(file, COMMISSIONING)).get("nodeid", "")
     for name in file.sections():
         found = _SECTION.match(name)

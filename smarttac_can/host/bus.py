@@ -50,7 +50,7 @@ class Bus(Protocol):
     def block(self, can_ids: frozenset[int]) -> None:
         """Drop frames with these identifiers from now on, if the bus can do so at no cost.
 
-        Only these are dropped; earlier ones are not. It is a hint: the caller also ignores them.
+        Identifiers of earlier calls pass again. It is a hint: the caller ignores such frames, too.
         """
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""What python-can lacks for its interfaces: missing packages, unknown options, clear errors."""
+"""Additions to the interfaces of python-can: missing packages, unknown options, clear errors."""
 
 from __future__ import annotations
 

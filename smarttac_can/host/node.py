@@ -31,7 +31,7 @@ class Node(Protocol):
         """Receive a frame from the bus; return the answers of the node, in order."""
 
     def advance(self, microseconds: int) -> list[Frame]:
-        """Advance the time of the node by some us; return the frames of due timers, in order."""
+        """Advance the time of the node; return the frames of due timers, in order."""
 
     def segments(self, most: int) -> list[Frame]:
         """Return the next frames, at most `most`, of transfers that are limited only by the bus."""

@@ -464,12 +464,12 @@ def node_in_thread(node: HostedNode, bus: Bus, *, lockstep: bool = False) -> Ite
     Parameters
     ----------
     node, bus, lockstep
-        As for `run_node`; the bus belongs to the run.
+        As for `run_node`, which closes the bus.
 
     Raises
     ------
     Exception
-        At the end of the block, what the run has raised.
+        At the end of the block: the error that ended the run.
     """
     stop = threading.Event()
     before = sys.getswitchinterval()

@@ -1,4 +1,4 @@
-"""What every master needs to communicate with any device."""
+"""Communication of a master with any CANopen device."""
 
 from __future__ import annotations
 

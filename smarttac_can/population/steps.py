@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 BEFORE_MS, AFTER_MS = 20, 80
 """Window around a switch of the reference."""
 SETTLED_MS = 40
-"""From here on after the switch a curve counts as static."""
+"""Time in ms after the switch from which a curve counts as static."""
 _RISING, _RISEN = 0.1, 0.9
 """Fractions of a step between which its rise time is measured."""
 _LEAST_SHARE = 0.5

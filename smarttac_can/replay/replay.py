@@ -325,7 +325,7 @@ class ReplayedNode:
     """A node with the frames that it computes.
 
     A log does not tell when the node received a frame of another party. So each frame waits until a
-    frame that the node has sent requires it, or until the node has sent later frames for 20 ms.
+    frame that the node has sent requires it, or until the node has sent one over 20 ms later.
 
     Parameters
     ----------
