@@ -194,23 +194,18 @@ def distributions(campaigns: Sequence[dict[str, Any]], rows: Sequence[Rows]) -> 
         ]
     if len(rows) == 1:
         curves.append(("measured_", GREEN, "--", "measured COF", rows[0]))
+    head = _head(campaigns[0], len(rows) > 1)
     with canvas(9.0, 7.0) as figure:
-        figure.suptitle(
-            f"Random fingers under control (simulated)\n{_head(campaigns[0], len(rows) > 1)}",
-            fontsize=11,
-        )
+        figure.suptitle(f"Random fingers under control (simulated)\n{head}", fontsize=11)
         panels = figure.subplots(2, 2, sharey=True)
         for axes, (name, label) in zip(panels.flat, _PANELS.items(), strict=True):
             for prefix, colour, line, legend, of_law in curves:
                 if prefix == "touch_" and name not in TOUCH_FIGURES:
                     continue
                 found = column(of_law, prefix + name)
+                found = found[~np.isnan(found)]
                 known = np.sort(found[np.isfinite(found)])
-                share = (
-                    100.0
-                    * np.arange(len(known) + 1)
-                    / max(int(np.count_nonzero(~np.isnan(found))), 1)
-                )
+                share = 100.0 * np.arange(len(known) + 1) / max(len(found), 1)
                 # From 0 on, so that a single finger shows as well.
                 values = [*known[:1], *known]
                 axes.plot(values, share[: len(values)], color=colour, linestyle=line, label=legend)
@@ -223,12 +218,8 @@ def distributions(campaigns: Sequence[dict[str, Any]], rows: Sequence[Rows]) -> 
         for axes in panels[:, 0]:
             axes.set_ylabel("fingers below (%)")
         handles, labels = panels[0, 0].get_legend_handles_labels()
-        figure.legend(
-            handles,
-            labels,
-            loc="outside lower center",
-            ncols=min(len(labels), 3 if len(rows) == 1 else 2),
-        )
+        columns = 3 if len(rows) == 1 else 2
+        figure.legend(handles, labels, loc="outside lower center", ncols=columns)
     return figure
 
 

@@ -361,25 +361,28 @@ def campaign(
         folder = (
             None if output is None else stack.enter_context(result_folder(output, CAMPAIGN_FILES))
         )
+        records: list[Record | None] = [None] * len(campaigns)
+        if resume is not None:
+            files = _kept(resume, campaigns)
+            records = [stack.enter_context(Record(*kept)) for kept in zip(files, campaigns)]
         progress = stack.enter_context(progress_bar("campaign"))
         results, rows = [], []
-        for number, chosen in enumerate(campaigns):
+        for number, (chosen, record) in enumerate(zip(campaigns, records, strict=True)):
 
             def show(share: float, done: int = number) -> None:
                 progress((done + share) / len(campaigns))
 
-            kept = None if resume is None else _kept(resume, chosen, len(campaigns) > 1)
             result = run_campaign(
                 chosen,
                 fingers,
                 workers=workers or os.cpu_count() or 1,
                 cluster=cluster,
-                record=None if kept is None else stack.enter_context(Record(kept, chosen)),
+                record=record,
                 progress=show,
             )
             if result.compiled is None:
                 click.echo(
-                    f"some of the fingers in {kept} were run without numba, others with it: "
+                    f"some of the fingers in {resume} were run without numba, others with it: "
                     "their last digits may differ from those of one run",
                     err=True,
                 )
@@ -410,7 +413,9 @@ def _pairs(laws: list[Law], vibration_laws: list[VibrationLaw]) -> list[tuple[La
     return pairs
 
 
-def _kept(resume: Path, campaign: Campaign, several: bool) -> Path:
-    """Return the file that keeps a campaign: one for each law if there are several."""
-    laws = f".{campaign.law.name}-{campaign.vibration_law.name}".lower() if several else ""
-    return resume.with_name(f"{resume.name}{laws}")
+def _kept(resume: Path, campaigns: list[Campaign]) -> list[Path]:
+    """Return the file that keeps each campaign: with its laws in the name if there are several."""
+    if len(campaigns) == 1:
+        return [resume]
+    laws = (f"{one.law.name}-{one.vibration_law.name}".lower() for one in campaigns)
+    return [resume.with_name(f"{resume.name}.{name}") for name in laws]
