@@ -363,8 +363,8 @@ def campaign(
         )
         records: list[Record | None] = [None] * len(campaigns)
         if resume is not None:
-            files = _kept(resume, campaigns)
-            records = [stack.enter_context(Record(*kept)) for kept in zip(files, campaigns)]
+            kept = zip(_kept(resume, campaigns), campaigns, strict=True)
+            records = [stack.enter_context(Record(*one)) for one in kept]
         progress = stack.enter_context(progress_bar("campaign"))
         results, rows = [], []
         for number, (chosen, record) in enumerate(zip(campaigns, records, strict=True)):
