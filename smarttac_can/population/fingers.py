@@ -76,8 +76,8 @@ class Plate(NamedTuple):
     """Of the pick-up in s."""
     ambient: float = AMBIENT
     """Temperature in degC at the beginning."""
-    told: float = 0.0
-    """By how much the dead time that the laws are told is above the true one, in s."""
+    excess: float = 0.0
+    """Dead time that the laws assume minus the true one, in s."""
     model: PlateModel = PlateModel()
     """By which the laws are designed."""
 
@@ -93,7 +93,7 @@ PLATE_RANGES: Final = {
     "tau": (0.8, 1.2),
     "gain": (0.8, 1.2),
     "temperature": (15.0, 35.0),
-    "told": (-100e-6, 100e-6),
+    "dead_time_error": (-100e-6, 100e-6),
 }
 """Ranges, in SI units and degC, of what is uniform: tau, thus Q, and gain over the model's; the
 neighbouring mode is as often below as above. [A], as those of the fingers."""
@@ -196,9 +196,9 @@ def draw_plate(seed: int, number: int, plates: str) -> Plate:
     seed, number
         As for `draw_finger`.
     plates
-        One of `PLATES`. An identified plate is one that is varied, of which the laws know gain, tau
-        and softening, and the delay of the readings: half of the pick-up's window. Those of a plate
-        that is varied know the model's, and the delay but for an error.
+        One of `PLATES`. The laws assume a dead time longer by half of the pick-up's window, with an
+        error if the plate is varied. Of one that is identified they also know gain, tau and
+        softening, otherwise those of the model.
     """
     if plates == "model":
         return MODEL_PLATE
@@ -213,13 +213,13 @@ def draw_plate(seed: int, number: int, plates: str) -> Plate:
         tau=sound.tau * drawn["tau"],
         gain=sound.gain * drawn["gain"],
     )
-    window, told, model = drawn["pickup_window"], drawn["told"], MODEL_PLATE.model
+    window, error, model = drawn["pickup_window"], drawn["dead_time_error"], MODEL_PLATE.model
     if plates == "identified":
-        told = 0.0
+        error = 0.0
         model = replace(
             model, gain=resonator.gain, tau=resonator.tau, softening=resonator.softening
         )
-    return Plate(resonator, window, drawn["temperature"], 0.5 * window + told, model)
+    return Plate(resonator, window, drawn["temperature"], 0.5 * window + error, model)
 
 
 def stroke_of(finger: Finger, case: Case) -> Stroke:

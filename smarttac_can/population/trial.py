@@ -275,8 +275,8 @@ AMPLITUDE: Final = 1e-6
 """Nominal amplitude in m, held out of contact."""
 PASSES: Final = 16
 """Passes of a finger; six up-steps are after the fourth switch."""
-_TOLD_MAX: Final = 999e-6
-"""Longest dead time in s that the laws can be told."""
+_DEAD_TIME_MAX: Final = 999e-6
+"""Longest dead time in s that the controllers can assume."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -320,11 +320,11 @@ class Campaign:
 
 
 def parameters_of(campaign: Campaign, plate: Plate) -> CascadeParameters:
-    """Return what the controllers follow from at a plate, with the dead time that they are told."""
-    if not plate.told:
+    """Return the parameters of the controllers at a plate, with the dead time that they assume."""
+    if not plate.excess:
         return campaign.parameters
-    told = min(max(campaign.dead_time + plate.told, 0.0), _TOLD_MAX)
-    return replace(campaign.parameters, dead_time=told)
+    assumed = min(max(campaign.dead_time + plate.excess, 0.0), _DEAD_TIME_MAX)
+    return replace(campaign.parameters, dead_time=assumed)
 
 
 def plate_of(case: Case, plate: Plate = MODEL_PLATE) -> PlateParameters:

@@ -154,7 +154,7 @@ def drawn_of(plate):
         "tau": of.tau / sound.tau,
         "gain": of.gain / sound.gain,
         "temperature": plate.ambient,
-        "told": plate.told - 0.5 * plate.window,
+        "dead_time_error": plate.excess - 0.5 * plate.window,
     }
 
 
@@ -178,5 +178,5 @@ def test_a_plate_is_a_function_of_seed_and_number_and_the_laws_know_it_if_it_is_
     model, plate = identified.model, identified.resonator
     assert (model.gain, model.tau) == (plate.gain, plate.tau)
     assert model.softening == plate.softening
-    assert identified.told == 0.5 * identified.window
+    assert identified.excess == 0.5 * identified.window
     assert draw_plate(3, 17, "model") == MODEL_PLATE
