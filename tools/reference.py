@@ -126,7 +126,10 @@ def _parameter(context: click.Context, parameter: click.Parameter) -> tuple[str,
     name = ", ".join(parameter.opts)
     if not parameter.is_flag:
         name += f" {parameter.metavar or _argument(parameter.type)}"
-    default = f"`{parameter.default}`" if parameter.show_default else ""
+    value = parameter.default
+    if isinstance(value, list):
+        value = ", ".join(value)
+    default = f"`{value}`" if parameter.show_default else ""
     if parameter.required:
         default = "required"
     return f"`{name}`", default, parameter.help or ""

@@ -27,11 +27,17 @@ from numpy.typing import NDArray
 from smarttac_can import __version__
 from smarttac_can.host.files import open_regular
 from smarttac_can.population.compiled import can_compile
-from smarttac_can.population.trial import Campaign, Figures, outcome_of
+from smarttac_can.population.trial import TOUCH_FIGURES, TOUCHES, Campaign, Figures, outcome_of
 
 Rows = NDArray[np.float64]
-"""A row a finger: the true figures, the measured ones, and how long it ran in s."""
-COLUMNS: Final = (*Figures._fields, *(f"measured_{name}" for name in Figures._fields), "seconds")
+"""A row a finger: true figures, measured ones, those of single touches, how long it ran in s."""
+CURVES: Final = (*Figures._fields, *(f"measured_{name}" for name in Figures._fields))
+"""Columns of figures of mean curves; the first ones."""
+COLUMNS: Final = (
+    *CURVES,
+    *(f"touch_{n}_{name}" for n in range(1, TOUCHES + 1) for name in TOUCH_FIGURES),
+    "seconds",
+)
 SIZE: Final = 25
 """Fingers of a chunk: 0.25 s when compiled, so that a stop does not wait long."""
 _compiling = Lock()
@@ -45,6 +51,7 @@ def parameters(campaign: Campaign) -> dict[str, Any]:
         "vibration_law": campaign.vibration_law.name.lower(),
         "dead_time_us": campaign.dead_time * 1e6,
         "case": campaign.case,
+        "plates": campaign.plates,
     }
 
 
@@ -69,8 +76,8 @@ def run_chunk(campaign: Campaign, numbers: range, compiled: bool) -> tuple[range
         raise RuntimeError(f"a worker {'lacks' if compiled else 'has'} numba, unlike this process")
     rows = []
     for number in numbers:
-        (true, measured), seconds = outcome_of(campaign, number)
-        rows.append([*true, *measured, seconds])
+        (true, measured, touches), seconds = outcome_of(campaign, number)
+        rows.append([*true, *measured, *touches.flat, seconds])
     return numbers, np.array(rows)
 
 
@@ -86,6 +93,8 @@ def chunks_of(missing: NDArray[np.intp]) -> list[range]:
 
 _LINE_MAX: Final = 1 << 16
 _FINGERS_MAX: Final = 1 << 32
+_OLDER: Final = {"plates": "model"}
+"""What applies to a file whose header has it not."""
 
 
 class RecordError(Exception):
@@ -195,7 +204,7 @@ class Record:
 
     def _require_same(self, content: dict[str, Any], header: dict[str, Any]) -> None:
         for key, value in header.items():
-            found = content.get(key)
+            found = content.get(key, _OLDER.get(key))
             if found != value:
                 raise RecordError(
                     f"{self._path}: is of another campaign: {key} {found!r}, not {value!r}"
@@ -221,7 +230,7 @@ def _chunk(content: Any, compiled: bool) -> _Chunk:
     Parameters
     ----------
     content
-        Content of the line.
+        Content of the line. Rows of older files lack the single touches, which become NaN.
     compiled
         Value for a chunk without its own, as older files have it only in the header.
     """
@@ -232,13 +241,16 @@ def _chunk(content: Any, compiled: bool) -> _Chunk:
     except (AttributeError, KeyError, TypeError, OverflowError) as error:
         raise ValueError from error
     whole = isinstance(first, int) and 0 <= first < _FINGERS_MAX and rows.ndim == 2  # noqa: PLR2004
+    older = len(CURVES) + 1
     if (
         not whole
         or not isinstance(compiled, bool)
-        or rows.shape[1] != len(COLUMNS)
+        or rows.shape[1] not in (len(COLUMNS), older)
         or _crc(first, rows) != crc
     ):
         raise ValueError
+    if rows.shape[1] == older:
+        rows = np.insert(rows, [len(CURVES)] * (len(COLUMNS) - older), np.nan, axis=1)
     return _Chunk(first, rows, compiled)
 
 
@@ -295,9 +307,12 @@ def on_cluster(
         first = [submit(chunk) for chunk in islice(waiting, _AHEAD_OF_THREADS * threads)]
         done = distributed.as_completed(first, loop=client.loop)
         for future in done:
-            if future.status != "finished":
-                raise ClusterError(f"a worker of the cluster failed: {future.exception()}")
-            yield future.result()
+            # Of a worker that is killed before its result is fetched, another runs the chunk again.
+            try:
+                made = future.result()
+            except Exception as error:
+                raise ClusterError(f"a worker of the cluster failed: {error}") from error
+            yield made
             done.update([submit(chunk) for chunk in islice(waiting, 1)])
 
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from hashlib import sha256
+from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from smarttac_can.campaign.runner import COLUMNS, Result, Rows, parameters
-from smarttac_can.population.trial import Campaign
+from smarttac_can.campaign.runner import COLUMNS, CURVES, Result, Rows, parameters
+from smarttac_can.population.trial import TOUCH_FIGURES, Campaign
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,61 +23,91 @@ LIMIT_CYCLE: Final = 0.03
 _QUANTILES: Final = {"p5": 0.05, "p50": 0.5, "p95": 0.95}
 
 
+def column(rows: Rows, name: str) -> Rows:
+    """Return a figure of all fingers; one that begins with ``touch_`` of all touches, in a row."""
+    if name.startswith("touch_"):
+        first = len(CURVES) + TOUCH_FIGURES.index(name.removeprefix("touch_"))
+        return rows[:, first : -1 : len(TOUCH_FIGURES)].ravel()
+    return rows[:, COLUMNS.index(name)]
+
+
 def summary(campaign: Campaign, result: Result) -> dict[str, Any]:
     """Return the results of a campaign.
 
-    Percentiles are values of a finger, not between two. A finger that makes no step counts as
-    slower than any, and as 100 % of overshoot; a percentile that falls on such a rise time is None.
+    Percentiles are values of a finger, or of a touch, not between two. One that makes no step
+    counts as slower than any, and as 100 % of overshoot; a percentile that falls on such a rise
+    time is None.
     """
     rows = result.rows
-    metrics = {name: _percentiles(rows[:, at]) for at, name in enumerate(COLUMNS[:-1])}
+    names = (*CURVES, *(f"touch_{name}" for name in TOUCH_FIGURES))
+    metrics = {name: _percentiles(column(rows, name)) for name in names}
+    # Without the touches, which follow from the same curves: as in older versions.
+    judged = np.delete(rows, np.s_[len(CURVES) : -1], axis=1)
     return {
         **parameters(campaign),
         "fingers": len(rows),
         "metrics": metrics,
-        "limit_cycle_share": float(np.mean(rows[:, COLUMNS.index("chatter")] > LIMIT_CYCLE)),
-        "without_rise": int(np.count_nonzero(np.isinf(rows[:, COLUMNS.index("rise_time_ms")]))),
+        "limit_cycle_share": float(np.mean(column(rows, "chatter") > LIMIT_CYCLE)),
+        "without_rise": int(np.count_nonzero(np.isinf(column(rows, "rise_time_ms")))),
         "finger_seconds": float(rows[:, -1].sum()),
         "finger_seconds_per_second": result.ran_s / result.wall_s if result.ran_s else None,
         "compile_s": round(result.compile_s, 3),
         "compiled": result.compiled,
-        "rows_sha256": sha256(rows.astype("<f8").tobytes()).hexdigest(),
+        "rows_sha256": sha256(judged.astype("<f8").tobytes()).hexdigest(),
     }
 
 
-def _percentiles(column: Rows) -> dict[str, float | None]:
-    """Return percentiles over the fingers that have the metric; None without one, or of no rise."""
-    known = column[~np.isnan(column)]
+def _percentiles(values: Rows) -> dict[str, float | None]:
+    """Return percentiles over all that have the metric; None without one, or of no rise."""
+    known = values[~np.isnan(values)]
     if not len(known):
         return dict.fromkeys(_QUANTILES)
-    values = np.quantile(known, list(_QUANTILES.values()), method="inverted_cdf").tolist()
+    found = np.quantile(known, list(_QUANTILES.values()), method="inverted_cdf").tolist()
     return {
         name: value if np.isfinite(value) else None
-        for name, value in zip(_QUANTILES, values, strict=True)
+        for name, value in zip(_QUANTILES, found, strict=True)
     }
 
 
-def lines(results: dict[str, Any]) -> list[str]:
-    """Return the summary as lines."""
-    r = results
-    speed = r["finger_seconds_per_second"]
-    pace = "nothing left to run" if speed is None else f"{speed:.0f} finger-seconds a second"
-    head = (
-        f"{r['fingers']} {'finger' if r['fingers'] == 1 else 'fingers'}, seed {r['seed']}, "
-        f"law {r['law']}, vibration law {r['vibration_law']}, "
-        f"dead time {r['dead_time_us']:.0f} us, case {r['case']}"
-    )
+def lines(campaigns: Sequence[dict[str, Any]]) -> list[str]:
+    """Return the summaries of the same fingers under some laws as lines, with one table."""
+    several = len(campaigns) > 1
+    names = "".join(f"{_laws(r):>{10 * len(_QUANTILES)}}" for r in campaigns)
     rows = [
-        f"{name:<32}" + "".join(f"{_number(of[q]):>10}" for q in _QUANTILES)
-        for name, of in r["metrics"].items()
+        f"{name:<32}"
+        + "".join(f"{_number(r['metrics'][name][q]):>10}" for r in campaigns for q in _QUANTILES)
+        for name in campaigns[0]["metrics"]
     ]
     return [
-        head,
-        f"{'':<32}" + "".join(f"{q:>10}" for q in _QUANTILES),
+        _head(campaigns[0], several),
+        *([f"{'':<32}{names}"] if several else []),
+        f"{'':<32}" + "".join(f"{q:>10}" for _ in campaigns for q in _QUANTILES),
         *rows,
-        f"in a limit cycle: {100 * r['limit_cycle_share']:.2f} %, without a rise: "
+        *(line for r in campaigns for line in _ends(r, f"{_laws(r)}: " if several else "")),
+    ]
+
+
+def _laws(r: dict[str, Any]) -> str:
+    return f"{r['law']} + {r['vibration_law']}"
+
+
+def _head(r: dict[str, Any], several: bool = False) -> str:
+    laws = "" if several else f"law {r['law']}, vibration law {r['vibration_law']}, "
+    plates = "" if r["plates"] == "model" else f", plates {r['plates']}"
+    return (
+        f"{r['fingers']} {'finger' if r['fingers'] == 1 else 'fingers'}, seed {r['seed']}, {laws}"
+        f"dead time {r['dead_time_us']:.0f} us, case {r['case']}{plates}"
+    )
+
+
+def _ends(r: dict[str, Any], laws: str) -> list[str]:
+    speed = r["finger_seconds_per_second"]
+    pace = "nothing left to run" if speed is None else f"{speed:.0f} finger-seconds a second"
+    return [
+        f"{laws}in a limit cycle: {100 * r['limit_cycle_share']:.2f} %, without a rise: "
         f"{r['without_rise']}",
-        f"{r['finger_seconds']:.0f} finger-seconds, {pace}, {r['compile_s']:.1f} s to compile",
+        f"{laws}{r['finger_seconds']:.0f} finger-seconds, {pace}, "
+        f"{r['compile_s']:.1f} s to compile",
     ]
 
 
@@ -88,8 +120,17 @@ FILES: Final = (RESULTS, FINGERS, PICTURE, "campaign.svg")
 """All that `write_folder` writes."""
 
 
-def write_folder(folder: Path, results: dict[str, Any], rows: Rows) -> Path:
+def write_folder(folder: Path, campaigns: Sequence[dict[str, Any]], rows: Sequence[Rows]) -> Path:
     """Write a folder, and return the path of the PNG; the same results make the same bytes.
+
+    Parameters
+    ----------
+    folder
+        It is made if there is none.
+    campaigns
+        The summaries of the same fingers under some laws.
+    rows
+        The rows of each.
 
     Raises
     ------
@@ -100,15 +141,22 @@ def write_folder(folder: Path, results: dict[str, Any], rows: Rows) -> Path:
     from smarttac_can.bench.drawing import save  # noqa: PLC0415
 
     folder.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(results, indent=2) + "\n"
+    text = json.dumps(as_json(campaigns), indent=2) + "\n"
     (folder / RESULTS).write_text(text, encoding="utf-8")
     with (folder / FINGERS).open("w", encoding="ascii", newline="") as file:
-        file.write(",".join(("finger", *COLUMNS)) + "\n")
-        for number, row in enumerate(rows):
-            file.write(",".join((str(number), *map(repr, row.tolist()))) + "\n")
+        file.write(",".join(("finger", *COLUMNS, "law", "vibration_law")) + "\n")
+        for r, of_law in zip(campaigns, rows, strict=True):
+            laws = (r["law"], r["vibration_law"])
+            for number, row in enumerate(of_law):
+                file.write(",".join((str(number), *map(repr, row.tolist()), *laws)) + "\n")
     picture = folder / PICTURE
-    save(distributions(rows, lines(results)[0]), picture)
+    save(distributions(campaigns, rows), picture)
     return picture
+
+
+def as_json(campaigns: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Return the summary of one campaign, or those of several as ``campaigns``."""
+    return campaigns[0] if len(campaigns) == 1 else {"campaigns": list(campaigns)}
 
 
 _PANELS: Final = {
@@ -117,32 +165,47 @@ _PANELS: Final = {
     "static_error_percent": "static error (% of the reference)",
     "chatter": "chatter of the COF (standard deviation)",
 }
+_MORE: Final = ("#0072b2", "#e69f00", "#8f4f86")
+"""Colours of the laws after the second one."""
 _FEW_DECADES, _MANY_DECADES = 1.0, 2.5
 
 
-def distributions(rows: Rows, title: str) -> Figure:
-    """Draw the share of fingers below each value, of the true and of the measured COF.
+def distributions(campaigns: Sequence[dict[str, Any]], rows: Sequence[Rows]) -> Figure:
+    """Draw the share of fingers, and of single touches, below each value.
 
     Needs matplotlib (extra ``report``).
 
     Parameters
     ----------
+    campaigns
+        The summaries of the same fingers under some laws. Of a single one the measured COF is
+        drawn, too.
     rows
-        A row a finger; columns as in `COLUMNS`.
-    title
-        What was run, below the heading.
+        The rows of each.
     """
     from smarttac_can.bench.drawing import GREEN, RED, canvas  # noqa: PLC0415
 
-    curves = {"": (RED, "-", "true COF"), "measured_": (GREEN, "--", "measured COF")}
+    curves = []
+    for colour, r, of_law in zip(cycle((RED, GREEN, *_MORE)), campaigns, rows, strict=False):
+        law = "true COF" if len(rows) == 1 else _laws(r)
+        curves += [
+            ("", colour, "-", law, of_law),
+            ("touch_", colour, ":", f"{law}, single touches", of_law),
+        ]
+    if len(rows) == 1:
+        curves.append(("measured_", GREEN, "--", "measured COF", rows[0]))
+    head = _head(campaigns[0], len(rows) > 1)
     with canvas(9.0, 7.0) as figure:
-        figure.suptitle(f"Random fingers under control (simulated)\n{title}", fontsize=11)
+        figure.suptitle(f"Random fingers under control (simulated)\n{head}", fontsize=11)
         panels = figure.subplots(2, 2, sharey=True)
         for axes, (name, label) in zip(panels.flat, _PANELS.items(), strict=True):
-            for prefix, (colour, line, legend) in curves.items():
-                column = rows[:, COLUMNS.index(prefix + name)]
-                known = np.sort(column[np.isfinite(column)])
-                share = 100.0 * np.arange(len(known) + 1) / len(rows)
+            for prefix, colour, line, legend, of_law in curves:
+                if prefix == "touch_" and name not in TOUCH_FIGURES:
+                    continue
+                found = column(of_law, prefix + name)
+                found = found[~np.isnan(found)]
+                known = np.sort(found[np.isfinite(found)])
+                share = 100.0 * np.arange(len(known) + 1) / max(len(found), 1)
                 # From 0 on, so that a single finger shows as well.
                 values = [*known[:1], *known]
                 axes.plot(values, share[: len(values)], color=colour, linestyle=line, label=legend)
@@ -155,7 +218,8 @@ def distributions(rows: Rows, title: str) -> Figure:
         for axes in panels[:, 0]:
             axes.set_ylabel("fingers below (%)")
         handles, labels = panels[0, 0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+        columns = 3 if len(rows) == 1 else 2
+        figure.legend(handles, labels, loc="outside lower center", ncols=columns)
     return figure
 
 

@@ -16,7 +16,7 @@ from smarttac_can.bench.simulation import LinkName
 from smarttac_can.bench.traces import Trace, read_csv
 from smarttac_can.campaign.runner import ClusterError, Record, RecordError, run_campaign
 from smarttac_can.campaign.summary import FILES as CAMPAIGN_FILES
-from smarttac_can.campaign.summary import PICTURE, lines, summary, write_folder
+from smarttac_can.campaign.summary import PICTURE, as_json, lines, summary, write_folder
 from smarttac_can.cli.shared import (
     NEW_FILE,
     force_option,
@@ -57,7 +57,7 @@ from smarttac_can.paper.reproduce import (
 )
 from smarttac_can.paper.reproduce import reproduce as run_reproduction
 from smarttac_can.population.compiled import can_compile
-from smarttac_can.population.fingers import CASES
+from smarttac_can.population.fingers import CASES, PLATES
 from smarttac_can.population.trial import Campaign
 from smarttac_can.vocabulary.states import Law, VibrationLaw
 
@@ -262,16 +262,31 @@ _FINGERS_MAX = 1_000_000
 
 @click.command(
     epilog="\b\nExamples:\n  smarttac campaign --fingers 1000 --dead-time auto --json -\n"
-    "  smarttac campaign --fingers 1000 --law predictive --vibration-law predictive --seed 2\n"
+    "  smarttac campaign --fingers 1000 --law measured --vibration-law pi --law predictive "
+    "--vibration-law predictive --output laws\n"
     "  smarttac campaign --fingers 10000 --case lifting --resume lifting.rows --output lifting"
 )
 @click.option(
     "--fingers", type=click.IntRange(1, _FINGERS_MAX), required=True, help="How many fingers."
 )
 @seed_option("Seed of the fingers, their motion and the noise.")
-@law_option("--law", Law, "Friction law.")
-@law_option("--vibration-law", VibrationLaw, "How amplitude and resonance are regulated.")
+@law_option(
+    "--law", Law, "Friction law; given again, the same fingers under another.", multiple=True
+)
+@law_option(
+    "--vibration-law",
+    VibrationLaw,
+    "How amplitude and resonance are regulated; given again, one for each --law.",
+    multiple=True,
+)
 @dead_time_option
+@click.option(
+    "--plates",
+    type=click.Choice(PLATES),
+    default=PLATES[0],
+    show_default=True,
+    help="The model's plate, or random ones; identified: of which the laws know what matters.",
+)
 @click.option(
     "--case",
     type=click.Choice(list(CASES)),
@@ -307,9 +322,10 @@ def campaign(
     *,
     fingers: int,
     seed: int,
-    law: Law,
-    vibration_law: VibrationLaw,
+    law: list[Law],
+    vibration_law: list[VibrationLaw],
     dead_time: float,
+    plates: str,
     case: str,
     workers: int | None,
     cluster: str | None,
@@ -328,13 +344,10 @@ def campaign(
         and context.get_parameter_source("workers") is ParameterSource.COMMANDLINE
     ):
         raise click.UsageError("--workers has no meaning with --dask: the cluster has its own")
-    chosen = Campaign(
-        seed=seed,
-        law=law,
-        vibration_law=vibration_law,
-        dead_time=dead_time * 1e-6,
-        case=case,
-    )
+    campaigns = [
+        Campaign(seed, *laws, dead_time=dead_time * 1e-6, case=case, plates=plates)
+        for laws in _pairs(law, vibration_law)
+    ]
     if output is not None:
         need_matplotlib()
     if not can_compile():
@@ -348,24 +361,61 @@ def campaign(
         folder = (
             None if output is None else stack.enter_context(result_folder(output, CAMPAIGN_FILES))
         )
-        record = None if resume is None else stack.enter_context(Record(resume, chosen))
-        result = run_campaign(
-            chosen,
-            fingers,
-            workers=workers or os.cpu_count() or 1,
-            cluster=cluster,
-            record=record,
-            progress=stack.enter_context(progress_bar("campaign")),
-        )
-        if result.compiled is None:
-            click.echo(
-                f"some of the fingers in {resume} were run without numba, others with it: "
-                "their last digits may differ from those of one run",
-                err=True,
+        records: list[Record | None] = [None] * len(campaigns)
+        if resume is not None:
+            kept = zip(_kept(resume, campaigns), campaigns, strict=True)
+            records = [stack.enter_context(Record(*one)) for one in kept]
+        progress = stack.enter_context(progress_bar("campaign"))
+        results, rows = [], []
+        for number, (chosen, record) in enumerate(zip(campaigns, records, strict=True)):
+
+            def show(share: float, done: int = number) -> None:
+                progress((done + share) / len(campaigns))
+
+            result = run_campaign(
+                chosen,
+                fingers,
+                workers=workers or os.cpu_count() or 1,
+                cluster=cluster,
+                record=record,
+                progress=show,
             )
-        results = summary(chosen, result)
+            if result.compiled is None:
+                click.echo(
+                    f"some of the fingers in {resume} were run without numba, others with it: "
+                    "their last digits may differ from those of one run",
+                    err=True,
+                )
+            results.append(summary(chosen, result))
+            rows.append(result.rows)
         if folder is not None:
-            write_folder(folder, results, result.rows)
-        report_results(results, lines(results), results_file)
+            write_folder(folder, results, rows)
+        report_results(as_json(results), lines(results), results_file)
     if output is not None:
         click.echo(f"picture: {output / PICTURE}", err=json_file == Path("-"))
+
+
+def _pairs(laws: list[Law], vibration_laws: list[VibrationLaw]) -> list[tuple[Law, VibrationLaw]]:
+    """Return each friction law with its vibration law; refused if it is not clear which is."""
+    if len(vibration_laws) == 1:
+        vibration_laws = vibration_laws * len(laws)
+    if len(laws) == 1:
+        laws = laws * len(vibration_laws)
+    if len(laws) != len(vibration_laws):
+        raise click.UsageError(
+            f"--vibration-law is given {len(vibration_laws)} times, --law {len(laws)} times: "
+            "give one of them once, or both as often"
+        )
+    pairs = list(zip(laws, vibration_laws, strict=True))
+    if twice := {pair for pair in pairs if pairs.count(pair) > 1}:
+        law, vibration_law = (one.name.lower() for one in twice.pop())
+        raise click.UsageError(f"law {law} with vibration law {vibration_law} is given twice")
+    return pairs
+
+
+def _kept(resume: Path, campaigns: list[Campaign]) -> list[Path]:
+    """Return the file that keeps each campaign: with its laws in the name if there are several."""
+    if len(campaigns) == 1:
+        return [resume]
+    laws = (f"{one.law.name}-{one.vibration_law.name}".lower() for one in campaigns)
+    return [resume.with_name(f"{resume.name}.{name}") for name in laws]

@@ -154,13 +154,24 @@ def seed_option(text: str) -> Callable[[Command], Command]:
     )
 
 
-def law_option(name: str, laws: type[IntEnum], text: str) -> Callable[[Command], Command]:
-    """Return the option of a law, with this help; the default is the first, that of the paper."""
+def law_option(
+    name: str, laws: type[IntEnum], text: str, *, multiple: bool = False
+) -> Callable[[Command], Command]:
+    """Return the option of a law, with this help; the default is the first, that of the paper.
+
+    With `multiple` it may be given again, and gives a list of laws.
+    """
+    first = laws(0).name.lower()
+
+    def chosen_of(_ctx: click.Context, _param: click.Parameter, chosen: Any) -> object:
+        return [laws[one.upper()] for one in chosen] if multiple else laws[chosen.upper()]
+
     return click.option(
         name,
         type=click.Choice([law.name.lower() for law in laws]),
-        callback=lambda _ctx, _param, chosen: laws[chosen.upper()],
-        default=laws(0).name.lower(),
+        multiple=multiple,
+        callback=chosen_of,
+        default=[first] if multiple else first,
         show_default=True,
         help=text,
     )

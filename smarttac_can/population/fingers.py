@@ -1,4 +1,4 @@
-"""Random fingers: each a function of the campaign's seed and its own number."""
+"""Random fingers and plates: each a function of the campaign's seed and its own number."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ import numpy as np
 
 from smarttac_can.plant.finger import Stroke, smooth
 from smarttac_can.plant.friction import sliding_coefficient
+from smarttac_can.plant.parameters import ResonatorParameters
 from smarttac_can.plant.subjects import SUBJECTS, Subject
+from smarttac_can.vocabulary.model import PlateModel
 
 
 class Case(NamedTuple):
@@ -62,9 +64,43 @@ CASES: Final[dict[str, Case]] = {
 """The cases by name."""
 
 
+AMBIENT: Final = 20.0
+"""Temperature in degC of the model's plate and its surroundings at the beginning."""
+
+
+class Plate(NamedTuple):
+    """A plate of a population, and what the laws know of it; by default the model's."""
+
+    resonator: ResonatorParameters = ResonatorParameters()
+    window: float = 0.0
+    """Of the pick-up in s."""
+    ambient: float = AMBIENT
+    """Temperature in degC at the beginning."""
+    excess: float = 0.0
+    """Dead time that the laws assume minus the true one, in s."""
+    model: PlateModel = PlateModel()
+    """By which the laws are designed."""
+
+
+MODEL_PLATE: Final = Plate()
+PLATES: Final = ("model", "varied", "identified")
+"""Whether plates are the model's or drawn, and whether the laws are designed for what is drawn."""
+PLATE_RANGES: Final = {
+    "softening": (0.0, 150e6),
+    "neighbour_share": (0.1, 0.3),
+    "neighbour_offset": (300.0, 900.0),
+    "pickup_window": (0.0, 0.5e-3),
+    "tau": (0.8, 1.2),
+    "gain": (0.8, 1.2),
+    "temperature": (15.0, 35.0),
+    "dead_time_error": (-100e-6, 100e-6),
+}
+"""Ranges, in SI units and degC, of what is uniform: tau, thus Q, and gain over the model's; the
+neighbouring mode is as often below as above. [A], as those of the fingers."""
 LIFT_PERIOD, LIFT_LENGTH, LIFT_RAMP = 1.0, 0.1, 0.01
 """A finger that lifts does so each second, for 100 ms with a ramp of 10 ms at both ends."""
 _FINGER_STREAM: Final = 0x46
+_PLATE_STREAM: Final = 0x50
 F0: Final = 43390.0
 """Frequency in Hz at which the fingers are vibrated."""
 TRAVEL: Final = 30e-3
@@ -150,6 +186,40 @@ def draw_finger(seed: int, number: int, case: Case) -> Finger:
     mu_left = float(rng.uniform(least, most - STEP))
     stroke_seed, noise_seed = rng.integers(2**32, size=2).tolist()
     return Finger(subject, force, speed, mu_left, mu_left + STEP, stroke_seed, noise_seed)
+
+
+def draw_plate(seed: int, number: int, plates: str) -> Plate:
+    """Draw the plate under a finger; the fingers do not depend on it.
+
+    Parameters
+    ----------
+    seed, number
+        As for `draw_finger`.
+    plates
+        One of `PLATES`. The laws assume a dead time longer by half of the pick-up's window, with an
+        error if the plate is varied. Of one that is identified they also know gain, tau and
+        softening, otherwise those of the model.
+    """
+    if plates == "model":
+        return MODEL_PLATE
+    rng = np.random.default_rng([seed, _PLATE_STREAM, number])
+    drawn = {name: float(rng.uniform(*bounds)) for name, bounds in PLATE_RANGES.items()}
+    sound, side = MODEL_PLATE.resonator, float(rng.choice((-1.0, 1.0)))
+    resonator = replace(
+        sound,
+        softening=drawn["softening"],
+        neighbour_share=drawn["neighbour_share"],
+        neighbour_offset=side * drawn["neighbour_offset"],
+        tau=sound.tau * drawn["tau"],
+        gain=sound.gain * drawn["gain"],
+    )
+    window, error, model = drawn["pickup_window"], drawn["dead_time_error"], MODEL_PLATE.model
+    if plates == "identified":
+        error = 0.0
+        model = replace(
+            model, gain=resonator.gain, tau=resonator.tau, softening=resonator.softening
+        )
+    return Plate(resonator, window, drawn["temperature"], 0.5 * window + error, model)
 
 
 def stroke_of(finger: Finger, case: Case) -> Stroke:

@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 BEFORE_MS, AFTER_MS = 20, 80
 """Window around a switch of the reference."""
+TIME_MS: Final = np.arange(-BEFORE_MS, AFTER_MS + 1, dtype=np.float64)
+"""Its ticks, in ms after the switch."""
 SETTLED_MS = 40
 """Time in ms after the switch from which a curve counts as static."""
 _RISING, _RISEN = 0.1, 0.9
@@ -89,6 +91,39 @@ def static_error_percent(step: Step) -> float:
     """Return the larger distance of a level to its reference, in % of the reference."""
     pairs = zip(step.levels(), (step.before, step.after), strict=True)
     return 100 * max(abs(level - reference) / reference for level, reference in pairs)
+
+
+def single_steps(curves: Floats, asked: float, without: float) -> Floats:
+    """Return rise time in ms and overshoot in % of many steps at once, a row each, as of a `Step`.
+
+    Parameters
+    ----------
+    curves
+        mu at `TIME_MS` around each up-step, a row each.
+    asked
+        Step of the reference.
+    without
+        Overshoot in % of what is no step; its rise time is infinite.
+    """
+    start = curves[:, : BEFORE_MS + 1].mean(axis=1)
+    step = curves[:, BEFORE_MS + SETTLED_MS :].mean(axis=1) - start
+    stepped = step >= _LEAST_SHARE * asked
+    share = (curves - start[:, None]) / np.where(stepped, step, asked)[:, None]
+    passes = (share[:, BEFORE_MS:-1] < _RISEN) & (share[:, BEFORE_MS + 1 :] >= _RISEN)
+    upper = BEFORE_MS + passes.argmax(axis=1)
+    below = (share < _RISING) & (np.arange(len(TIME_MS)) <= upper[:, None])
+    lower = len(TIME_MS) - 1 - below[:, ::-1].argmax(axis=1)
+    stepped &= passes.any(axis=1) & below.any(axis=1)
+    rise = _passage(share, upper, _RISEN) - _passage(share, lower, _RISING)
+    overshoot = 100.0 * (share[:, BEFORE_MS + 1 :].max(axis=1) - 1.0)
+    return np.where(stepped, (rise, overshoot), [[np.inf], [without]]).T
+
+
+def _passage(share: Floats, after: NDArray[np.intp], level: float) -> Floats:
+    """Return the time in ms at which each row passes a level between a sample and the next."""
+    rows = np.arange(len(share))
+    begin, end = share[rows, after], share[rows, np.minimum(after + 1, len(TIME_MS) - 1)]
+    return TIME_MS[after] + (level - begin) / np.where(end > begin, end - begin, 1.0)
 
 
 STEP_METRICS: Final[dict[str, Callable[[Step], float]]] = {

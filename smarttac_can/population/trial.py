@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, lru_cache
 from math import ceil, inf, nan, sqrt
 from typing import Any, Final, NamedTuple
 
@@ -36,9 +36,13 @@ from smarttac_can.population.fingers import (
     LIFT_LENGTH,
     LIFT_PERIOD,
     LIFT_RAMP,
+    MODEL_PLATE,
+    PLATES,
     Case,
     Finger,
+    Plate,
     draw_finger,
+    draw_plate,
     lift,
     stroke_of,
 )
@@ -46,11 +50,13 @@ from smarttac_can.population.steps import (
     AFTER_MS,
     BEFORE_MS,
     SETTLED_MS,
+    TIME_MS,
     Floats,
     Step,
     UndefinedError,
     overshoot_percent,
     rise_time,
+    single_steps,
     static_error_percent,
 )
 from smarttac_can.vocabulary.model import PlateModel
@@ -170,7 +176,10 @@ LEARNING: Final = 4
 """Number of switches of the reference at first that are not judged, so that a law may learn."""
 NO_STEP: Final = 100.0
 """Overshoot in % that a finger without a step counts as."""
-_TIME_MS: Final = np.arange(-BEFORE_MS, AFTER_MS + 1, dtype=np.float64)
+TOUCHES: Final = 6
+"""Up-steps of a finger that are kept singly: all of them, if it does not lift."""
+TOUCH_FIGURES: Final = ("rise_time_ms", "overshoot_percent")
+"""What is kept of a single touch; infinite and `NO_STEP` without a step."""
 
 
 class Figures(NamedTuple):
@@ -202,6 +211,8 @@ class Outcome(NamedTuple):
 
     true: Figures
     measured: Figures
+    touches: Floats
+    """`TOUCH_FIGURES` of the true COF, a row for each of `TOUCHES`; NaN where there was none."""
 
 
 def outcome(run: Traces, mu_left: float, mu_right: float) -> Outcome:
@@ -218,7 +229,10 @@ def outcome(run: Traces, mu_left: float, mu_right: float) -> Outcome:
     true, measured = (
         _figures(mu, around, settled, (mu_left, mu_right)) for mu in (run.mu_true, run.mu)
     )
-    return Outcome(true, measured)
+    touches = np.full((TOUCHES, len(TOUCH_FIGURES)), nan)
+    singly = run.mu_true[around[:TOUCHES]]
+    touches[: len(singly)] = single_steps(singly, mu_right - mu_left, NO_STEP)
+    return Outcome(true, measured, touches)
 
 
 def _whole(switch: int, touching: Flags, right: Floats) -> bool:
@@ -235,7 +249,7 @@ def _figures(
     chatter = _chatter(mu, settled)
     if not len(around):
         return Figures(inf, NO_STEP, nan, chatter)
-    step = Step(_TIME_MS, mu[around].mean(axis=0), *references)
+    step = Step(TIME_MS, mu[around].mean(axis=0), *references)
     static = static_error_percent(step)
     try:
         return Figures(rise_time(step), overshoot_percent(step), static, chatter)
@@ -257,12 +271,12 @@ def _chatter(mu: Floats, settled: Flags) -> float:
 
 Runner = tuple[Callable[..., Any], Callable[[Any], Any]]
 """`run`, and what makes its tables."""
-AMBIENT: Final = 20.0
-"""Temperature in degC of plate and surroundings at the beginning."""
 AMPLITUDE: Final = 1e-6
 """Nominal amplitude in m, held out of contact."""
 PASSES: Final = 16
 """Passes of a finger; six up-steps are after the fourth switch."""
+_DEAD_TIME_MAX: Final = 999e-6
+"""Longest dead time in s that the controllers can assume."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -272,7 +286,7 @@ class Campaign:
     Raises
     ------
     ValueError
-        If there is no such case, or the dead time is out of its range.
+        If there is no such case or choice of plates, or the dead time is out of its range.
     """
 
     seed: int = 1
@@ -285,12 +299,16 @@ class Campaign:
     """Time in s from the tick until the new drive is in force, 0..999e-6."""
     case: str = "nominal"
     """Name in `CASES`."""
+    plates: str = "model"
+    """One of `PLATES`."""
     parameters: CascadeParameters = field(init=False)
     """Parameters of the controllers, which follow from the others."""
 
     def __post_init__(self) -> None:
         if self.case not in CASES:
             raise ValueError(f"there is no case {self.case!r}: {', '.join(CASES)}")
+        if self.plates not in PLATES:
+            raise ValueError(f"there are no plates {self.plates!r}: {', '.join(PLATES)}")
         p = CascadeParameters(
             law=self.law,
             vibration_law=self.vibration_law,
@@ -301,17 +319,29 @@ class Campaign:
         object.__setattr__(self, "parameters", replace(p, slope=slope))
 
 
-def plate_of(case: Case) -> PlateParameters:
-    """Return the plate of a case."""
-    p = PlateParameters()
-    sensors = replace(p.sensors, path_frequency=p.sensors.path_frequency * case.path_frequency)
+def parameters_of(campaign: Campaign, plate: Plate) -> CascadeParameters:
+    """Return the parameters of the controllers at a plate, with the dead time that they assume."""
+    if not plate.excess:
+        return campaign.parameters
+    assumed = min(max(campaign.dead_time + plate.excess, 0.0), _DEAD_TIME_MAX)
+    return replace(campaign.parameters, dead_time=assumed)
+
+
+def plate_of(case: Case, plate: Plate = MODEL_PLATE) -> PlateParameters:
+    """Return a plate in a case."""
+    p = PlateParameters(plate.resonator)
+    sensors = replace(
+        p.sensors,
+        path_frequency=p.sensors.path_frequency * case.path_frequency,
+        pickup_window=plate.window,
+    )
     if case.path_damping is not None:
         sensors = replace(sensors, path_damping=case.path_damping)
     contact = replace(p.contact, film_lag=case.film_lag, ripple=case.ripple)
     return replace(p, sensors=sensors, contact=contact)
 
 
-def traces_of(campaign: Campaign, finger: Finger) -> Traces:
+def traces_of(campaign: Campaign, finger: Finger, under: Plate = MODEL_PLATE) -> Traces:
     """Run a finger of a campaign.
 
     Parameters
@@ -320,9 +350,11 @@ def traces_of(campaign: Campaign, finger: Finger) -> Traces:
         Parameters that all fingers share.
     finger
         The finger.
+    under
+        The plate under it.
     """
     case = CASES[campaign.case]
-    plate = plate_of(case)
+    plate = plate_of(case, under)
     stroke = stroke_of(finger, case)
     passes = stroke.passes(PASSES)
     ticks = int((passes[-1].start + passes[-1].duration) / TICK)
@@ -334,16 +366,16 @@ def traces_of(campaign: Campaign, finger: Finger) -> Traces:
     made = coefficients(
         plate,
         finger.subject,
-        ambient=AMBIENT,
+        ambient=under.ambient,
         dead_time=campaign.dead_time,
         sound_f0=plate.resonator.f0,
     )
     plate_plan = PlatePlan(made, sensing(plate.sensors))
     setup = Setup(plate_plan, stroke.path, table(passes), case.lifts)
-    plan = _plan_of(campaign.parameters, table)
+    plan = _plan_of(parameters_of(campaign, under), under.model, table)
     f0 = plan.prior.f0
     setpoint = Setpoint(0.0, f0, AMPLITUDE, finger.mu_left, finger.mu_right, 0.0)
-    rest = plate_at_rest(AMBIENT)
+    rest = plate_at_rest(under.ambient)
     first = measured(plate_plan, rest, noise[0].tolist())
     loop = Loop(0, rest, first, at_rest(plan))
     off, on = Asked(int(Mode.OFF), setpoint), Asked(int(Mode.FRICTION), setpoint)
@@ -370,7 +402,7 @@ def _steady(ticks: int, path: Path, passes: list[Pass], lifts: bool) -> Flags:
 def outcome_of(campaign: Campaign, number: int) -> tuple[Outcome, float]:
     """Return what came out of a finger of a campaign, by its number, and how long it ran in s."""
     finger = draw_finger(campaign.seed, number, CASES[campaign.case])
-    run_ = traces_of(campaign, finger)
+    run_ = traces_of(campaign, finger, draw_plate(campaign.seed, number, campaign.plates))
     return outcome(run_, finger.mu_left, finger.mu_right), len(run_.mu) * TICK
 
 
@@ -387,9 +419,11 @@ def plain() -> Runner:
     return run, lambda rows: rows.tolist() if isinstance(rows, np.ndarray) else rows
 
 
-@cache
-def _plan_of(parameters: CascadeParameters, table: Callable[[Any], Any]) -> ControlPlan:
+@lru_cache(maxsize=16)
+def _plan_of(
+    parameters: CascadeParameters, model: PlateModel, table: Callable[[Any], Any]
+) -> ControlPlan:
     """Return what a stimulator regulates by, with tables as the loop reads them best."""
-    plan = control_plan(parameters, PlateModel())
+    plan = control_plan(parameters, model)
     rows, none = table(plan.rows), table([])
     return plan._replace(rows=rows, texture=plan.texture._replace(values=none))

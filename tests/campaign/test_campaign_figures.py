@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from smarttac_can.campaign.runner import COLUMNS
-from smarttac_can.campaign.summary import LIMIT_CYCLE, distributions
+from smarttac_can.campaign.runner import COLUMNS, Result
+from smarttac_can.campaign.summary import LIMIT_CYCLE, distributions, summary
+from smarttac_can.population.trial import Campaign
+from smarttac_can.vocabulary.states import Law, VibrationLaw
 
 FINGERS = 50
 
@@ -17,8 +19,13 @@ def rows(low, high):
     return np.tile(np.geomspace(low, high, FINGERS)[:, np.newaxis], len(COLUMNS))
 
 
+def summed(of_law, campaign=None):
+    return summary(campaign or Campaign(), Result(of_law, 1.0, 1.0, 0.0, True))
+
+
 def drawn(low, high):
-    figure = distributions(rows(low, high), "50 fingers, seed 1, dead time 540 us, case nominal")
+    of_law = rows(low, high)
+    figure = distributions([summed(of_law)], [of_law])
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     return figure, canvas.get_renderer()
@@ -46,9 +53,21 @@ def labels(axis):
     return [text for at, text in ticks if low <= at <= high and text.get_text()]
 
 
-@pytest.mark.parametrize(("low", "high"), RANGES)
-def test_no_text_lies_on_another(low, high):
-    figure, renderer = drawn(low, high)
+def under_all_laws(low, high):
+    campaigns = [Campaign(1, law, VibrationLaw.PREDICTIVE) for law in Law]
+    fingers = [rows(low, high)] * len(campaigns)
+    pairs = zip(fingers, campaigns, strict=True)
+    figure = distributions([summed(*pair) for pair in pairs], fingers)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return figure, canvas.get_renderer()
+
+
+@pytest.mark.parametrize(
+    ("draw", "low", "high"), [*((drawn, *of) for of in RANGES), (under_all_laws, 0.9, 99.0)]
+)
+def test_no_text_lies_on_another(draw, low, high):
+    figure, renderer = draw(low, high)
     texts = [figure._suptitle, *figure.legends]
     for axes in figure.axes:
         ticks = [*labels(axes.xaxis), *(labels(axes.yaxis) if axes.get_ylabel() else [])]
@@ -72,7 +91,7 @@ def test_it_says_what_it_is():
     figure, _ = drawn(0.9, 99.0)
     title, what = figure.get_suptitle().splitlines()
     assert title == "Random fingers under control (simulated)"
-    assert what.startswith("50 fingers, seed 1")
+    assert what.startswith("50 fingers, seed 1, law measured")
     chatter = figure.axes[3]
     (note,) = chatter.texts
     assert note.get_text() == f"limit cycle above {LIMIT_CYCLE:g}"
@@ -80,12 +99,26 @@ def test_it_says_what_it_is():
 
 
 def test_a_single_finger_is_seen():
-    figure = distributions(np.full((1, len(COLUMNS)), 2.0), "1 finger")
+    of_law = np.full((1, len(COLUMNS)), 2.0)
+    figure = distributions([summed(of_law)], [of_law])
     for axes in figure.axes:
-        for curve in axes.lines[:2]:
-            assert curve.get_xydata().tolist() == [[2.0, 0.0], [2.0, 100.0]]
+        curves = [line for line in axes.lines if not line.get_label().startswith("_")]
+        for curve in curves:
+            assert curve.get_xydata()[[0, -1]].tolist() == [[2.0, 0.0], [2.0, 100.0]]
 
 
 def test_figures_that_no_finger_has_draw_nothing():
-    figure = distributions(np.full((2, len(COLUMNS)), np.nan), "2 fingers")
+    of_law = np.full((2, len(COLUMNS)), np.nan)
+    figure = distributions([summed(of_law)], [of_law])
     assert not any(curve.get_xydata().size for axes in figure.axes for curve in axes.lines[:2])
+
+
+def test_each_law_has_a_curve_and_one_of_its_single_touches():
+    figure, _ = under_all_laws(1.0, 9.0)
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    names = [f"{law.name.lower()} + predictive" for law in Law]
+    assert labels == [text for name in names for text in (name, f"{name}, single touches")]
+    rise, _, static, _ = figure.axes
+    assert len(rise.lines) == 2 * len(Law)
+    assert len({line.get_color() for line in rise.lines}) == len(Law)
+    assert len(static.lines) == len(Law)

@@ -150,13 +150,18 @@ sys.path.append(sys.argv.pop(1))
 from compile_once import compile_once
 from smarttac_can.campaign import runner
 from distributed import LocalCluster
-workers, lacking = int(sys.argv[1]), sys.argv[2:]
-if workers:
+workers, preload = int(sys.argv[1]), sys.argv[2:]
+if preload == ["lacking"]:
     compile_once()
-if lacking:
     runner.can_compile = lambda: False
+    preload = []
 with LocalCluster(
-    n_workers=workers, threads_per_worker=1, processes=False, protocol="tcp", dashboard_address=":0"
+    n_workers=workers,
+    threads_per_worker=1,
+    processes=bool(preload),
+    preload=preload,
+    protocol="tcp",
+    dashboard_address=":0",
 ) as local:
     print(local.scheduler_address, flush=True)
     sys.stdin.read()
@@ -165,7 +170,7 @@ with LocalCluster(
 
 @contextmanager
 def cluster_of(*arguments):
-    """Give the address of a cluster in another process, and end it."""
+    """Give the address of a cluster, and end it: of threads of another process, or of processes."""
     command = [sys.executable, "-c", CLUSTER, str(TESTS), *arguments]
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
@@ -176,12 +181,21 @@ def cluster_of(*arguments):
             process.stdin.close()
 
 
-def test_the_rows_of_a_cluster_are_those_of_threads():
-    here = run_campaign(CAMPAIGN, MANY, workers=2)
-    shares = []
-    with cluster_of("2") as address:
-        there = run_campaign(CAMPAIGN, MANY, cluster=address, progress=shares.append)
-    assert there.rows.tobytes() == here.rows.tobytes()
+def test_of_four_processes_one_is_killed_and_one_slow_and_nothing_is_lost(
+    rows, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(runner, "SIZE", 2)
+    monkeypatch.setenv("CLUSTER_WORKERS", str(tmp_path))
+    file, shares, preload = tmp_path / "rows", [], Path(__file__).with_name("cluster_worker.py")
+    with cluster_of("4", str(preload)) as address, Record(file, CAMPAIGN) as record:
+        there = run_campaign(CAMPAIGN, MANY, cluster=address, record=record, progress=shares.append)
+    assert (tmp_path / "killed").exists()
+    assert (tmp_path / "slow").exists()
+    assert there.rows.tobytes() == rows[:MANY].tobytes()
+    kept = np.full_like(there.rows, np.nan)
+    with Record(file, CAMPAIGN) as record:
+        record.fill(kept)
+    assert kept.tobytes() == there.rows.tobytes()
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
 

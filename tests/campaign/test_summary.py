@@ -14,7 +14,8 @@ from smarttac_can.campaign.summary import (
     summary,
     write_folder,
 )
-from smarttac_can.population.trial import Campaign
+from smarttac_can.population.trial import TOUCHES, Campaign
+from smarttac_can.vocabulary.states import Law, VibrationLaw
 
 CAMPAIGN = Campaign(seed=3, dead_time=540e-6)
 METRICS = ("rise_time_ms", "overshoot_percent", "static_error_percent", "chatter")
@@ -33,7 +34,11 @@ def hundred():
 
 def test_percentiles_are_those_of_fingers():
     results = summary(CAMPAIGN, result(hundred()))
-    assert list(results["metrics"]) == [*METRICS, *(f"measured_{name}" for name in METRICS)]
+    measured, touches = (
+        (f"measured_{name}" for name in METRICS),
+        (f"touch_{n}" for n in METRICS[:2]),
+    )
+    assert list(results["metrics"]) == [*METRICS, *measured, *touches]
     assert results["metrics"]["rise_time_ms"] == {"p5": 5.0, "p50": 50.0, "p95": 95.0}
     assert results["fingers"] == 100
     assert results["finger_seconds_per_second"] == 1250.0
@@ -62,7 +67,7 @@ def test_no_rise_is_slower_than_any_and_what_is_unknown_is_left_out():
     assert empty["metrics"]["rise_time_ms"] == dict.fromkeys(("p5", "p50", "p95"))
     assert empty["metrics"]["chatter"] == dict.fromkeys(("p5", "p50", "p95"))
     assert json.loads(json.dumps(empty, allow_nan=False)) == empty
-    assert any(line.split()[:2] == ["rise_time_ms", "-"] for line in lines(empty))
+    assert any(line.split()[:2] == ["rise_time_ms", "-"] for line in lines([empty]))
 
 
 def test_the_hash_is_that_of_the_rows():
@@ -72,22 +77,55 @@ def test_the_hash_is_that_of_the_rows():
     assert summary(CAMPAIGN, result(rows))["rows_sha256"] != first
 
 
+def test_single_touches_are_those_of_all_fingers_and_not_in_the_hash():
+    rows = hundred()
+    before = summary(CAMPAIGN, result(rows))
+    for n in range(1, TOUCHES + 1):
+        rows[:, COLUMNS.index(f"touch_{n}_overshoot_percent")] = n
+        rows[:, COLUMNS.index(f"touch_{n}_rise_time_ms")] = np.nan if n > 1 else np.inf
+    results = summary(CAMPAIGN, result(rows))
+    assert results["metrics"]["touch_overshoot_percent"] == {"p5": 1.0, "p50": 3.0, "p95": 6.0}
+    assert results["metrics"]["touch_rise_time_ms"] == dict.fromkeys(("p5", "p50", "p95"))
+    assert results["metrics"]["overshoot_percent"] == before["metrics"]["overshoot_percent"]
+    assert results["rows_sha256"] == before["rows_sha256"]
+
+
+def test_several_laws_are_one_table_one_file_and_one_picture(tmp_path):
+    other = Campaign(3, Law.PREDICTIVE, VibrationLaw.SCHEDULED, 540e-6, plates="varied")
+    rows = [hundred(), 2.0 * hundred()]
+    results = [
+        summary(campaign, result(of_law))
+        for campaign, of_law in zip((CAMPAIGN, other), rows, strict=True)
+    ]
+    text = lines(results)
+    assert text[0] == "100 fingers, seed 3, dead time 540 us, case nominal"
+    assert text[1].split("  ")[-2:][1].strip() == "predictive + scheduled"
+    assert text[3].split() == ["rise_time_ms", "5", "50", "95", "10", "100", "190"]
+    assert text[-2].startswith("predictive + scheduled: in a limit cycle: ")
+    write_folder(tmp_path, results, rows)
+    assert json.loads((tmp_path / RESULTS).read_text()) == {"campaigns": results}
+    _, *table = (tmp_path / FINGERS).read_text().splitlines()
+    assert [line.split(",")[0] for line in table] == [*map(str, range(100))] * 2
+    assert table[100].split(",")[-2:] == ["predictive", "scheduled"]
+
+
 def test_nothing_left_to_run_has_no_pace():
     results = summary(CAMPAIGN, result(hundred())._replace(ran_s=0.0))
     assert results["finger_seconds_per_second"] is None
-    assert "nothing left to run" in lines(results)[-1]
+    assert "nothing left to run" in lines([results])[-1]
 
 
 def test_a_folder_holds_results_fingers_and_a_picture(tmp_path):
     rows = hundred()
     rows[0, 0], rows[1, 2] = np.inf, np.nan
     results = summary(CAMPAIGN, result(rows))
-    picture = write_folder(tmp_path / "new" / "folder", results, rows)
+    picture = write_folder(tmp_path / "new" / "folder", [results], [rows])
     folder = picture.parent
     assert {path.name for path in folder.iterdir()} == {*FILES}
     assert json.loads((folder / RESULTS).read_text()) == results
     header, *table = (folder / FINGERS).read_text().splitlines()
-    assert header.split(",") == ["finger", *COLUMNS]
-    read = np.array([[float(cell) for cell in line.split(",")[1:]] for line in table])
+    assert header.split(",") == ["finger", *COLUMNS, "law", "vibration_law"]
+    read = np.array([[float(cell) for cell in line.split(",")[1:-2]] for line in table])
     assert read.tobytes() == rows.tobytes()
+    assert {tuple(line.split(",")[-2:]) for line in table} == {("measured", "pi")}
     assert np.ptp(imread(picture)) == pytest.approx(1.0, abs=0.2)

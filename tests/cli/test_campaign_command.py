@@ -40,6 +40,28 @@ def test_the_predictive_laws_overshoot_less_than_the_papers() -> None:
     assert rise[1] <= 3.0 < rise[0]
 
 
+def test_the_same_fingers_under_two_laws_keep_a_file_each(tmp_path: Path) -> None:
+    laws = ("--law", "measured", "--law", "predictive", "--plates", "varied")
+    kept = ("--resume", tmp_path / "rows", "--json", "-")
+    both = json.loads(succeed(*FEW, *laws, *kept))["campaigns"]
+    assert [(r["law"], r["vibration_law"], r["plates"]) for r in both] == [
+        ("measured", "pi", "varied"),
+        ("predictive", "pi", "varied"),
+    ]
+    alone = [
+        json.loads(succeed(*FEW, "--law", r["law"], "--plates", "varied", "--json", "-"))
+        for r in both
+    ]
+    again = json.loads(succeed(*FEW, *laws, *kept))["campaigns"]
+    for r, other, resumed in zip(both, alone, again, strict=True):
+        assert r["rows_sha256"] == other["rows_sha256"] == resumed["rows_sha256"]
+        assert resumed["finger_seconds_per_second"] is None
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "rows.measured-pi",
+        "rows.predictive-pi",
+    }
+
+
 def test_lines_and_a_folder(tmp_path: Path) -> None:
     first, *_, last = succeed(*FEW, "--output", tmp_path / "out").splitlines()
     assert first.startswith("4 fingers, seed 1, law measured, vibration law pi, dead time 540 us")
@@ -68,6 +90,17 @@ def test_it_goes_on_and_a_damaged_file_is_one_line(tmp_path: Path) -> None:
         (("--fingers", "3", "--case", "odd"), 2, "'odd' is not one of 'nominal'"),
         (("--fingers", "3", "--law", "odd"), 2, "'odd' is not one of 'measured'"),
         (("--fingers", "3", "--vibration-law", "odd"), 2, "'odd' is not one of 'pi'"),
+        (("--fingers", "3", "--plates", "odd"), 2, "'odd' is not one of 'model'"),
+        (
+            ("--fingers", "3", *("--law", "measured") * 3, *("--vibration-law", "pi") * 2),
+            2,
+            "--vibration-law is given 2 times, --law 3 times: give one of them once",
+        ),
+        (
+            ("--fingers", "3", *("--law", "measured") * 2),
+            2,
+            "law measured with vibration law pi is given twice",
+        ),
         (("--fingers", "3", "--dead-time", "1000"), 2, "1000 us is outside 0..999"),
         (("--fingers", "3", "--workers", "0"), 2, "0 is not in the range x>=1"),
         (("--fingers", "3", "--seed", "-1"), 2, "-1 is not in the range"),

@@ -6,7 +6,7 @@ from smarttac_can.control import Cascade
 from smarttac_can.plant import Plate
 from smarttac_can.plant.finger import FingerState
 from smarttac_can.population.fingers import CASES, lift, stroke_of
-from smarttac_can.population.trial import AMBIENT, AMPLITUDE, plate_of
+from smarttac_can.population.trial import AMPLITUDE, parameters_of, plate_of
 from smarttac_can.vocabulary.signals import TARE_SAMPLES, Drive, Setpoint
 from smarttac_can.vocabulary.states import Mode
 
@@ -22,19 +22,19 @@ class Lifting:
         return FingerState(x, Fn * lift(time))
 
 
-def traces_by_objects(campaign, finger, ticks):
+def traces_by_objects(campaign, finger, under, ticks):
     """Return true COF, measured COF and side, a row a tick."""
     case = CASES[campaign.case]
     stroke = stroke_of(finger, case)
     plate = Plate(
-        plate_of(case),
+        plate_of(case, under),
         finger.subject,
         Lifting(stroke) if case.lifts else stroke,
         seed=finger.noise_seed,
-        ambient=AMBIENT,
+        ambient=under.ambient,
         dead_time=campaign.dead_time,
     )
-    cascade = Cascade(campaign.parameters)
+    cascade = Cascade(parameters_of(campaign, under), under.model)
     off = Drive(0.0, cascade.model.f0)
     setpoint = Setpoint(0.0, off.frequency, AMPLITUDE, finger.mu_left, finger.mu_right, 0.0)
     old = off

@@ -5,12 +5,15 @@ from smarttac_can.plant.friction import sliding_coefficient
 from smarttac_can.population.fingers import (
     CASES,
     F0,
+    MODEL_PLATE,
+    PLATE_RANGES,
     SPAN,
     STEP,
     W_LEAST,
     W_MOST,
     Case,
     draw_finger,
+    draw_plate,
     lift,
     stroke_of,
 )
@@ -138,3 +141,42 @@ def test_the_first_passes_are_the_same_whatever_was_asked_before():
 
 def test_a_finger_that_lifts_is_gone_for_a_tenth_of_a_second_each_second():
     assert [lift(time) for time in (0.9, 1.05, 1.5)] == [1.0, 0.0, 1.0]
+
+
+def drawn_of(plate):
+    """Return what was drawn of a plate that is varied, by the names of the ranges."""
+    of, sound = plate.resonator, MODEL_PLATE.resonator
+    return {
+        "softening": of.softening,
+        "neighbour_share": of.neighbour_share,
+        "neighbour_offset": abs(of.neighbour_offset),
+        "pickup_window": plate.window,
+        "tau": of.tau / sound.tau,
+        "gain": of.gain / sound.gain,
+        "temperature": plate.ambient,
+        "dead_time_error": plate.excess - 0.5 * plate.window,
+    }
+
+
+def test_the_ranges_of_the_plates_are_filled_and_kept():
+    plates = [draw_plate(3, number, "varied") for number in range(1000)]
+    for name, (low, high) in PLATE_RANGES.items():
+        values = [drawn_of(plate)[name] for plate in plates]
+        more = 1e-9 * (high - low)
+        assert low - more <= min(values) < low + 0.05 * (high - low), name
+        assert high - 0.05 * (high - low) < max(values) <= high + more, name
+    below = sum(plate.resonator.neighbour_offset < 0.0 for plate in plates)
+    assert below == pytest.approx(500, abs=60)
+
+
+def test_a_plate_is_a_function_of_seed_and_number_and_the_laws_know_it_if_it_is_identified():
+    varied, identified = (draw_plate(3, 17, name) for name in ("varied", "identified"))
+    assert varied == draw_plate(3, 17, "varied")
+    assert varied.resonator != draw_plate(4, 17, "varied").resonator
+    assert identified.resonator == varied.resonator
+    assert varied.model == MODEL_PLATE.model
+    model, plate = identified.model, identified.resonator
+    assert (model.gain, model.tau) == (plate.gain, plate.tau)
+    assert model.softening == plate.softening
+    assert identified.excess == 0.5 * identified.window
+    assert draw_plate(3, 17, "model") == MODEL_PLATE

@@ -5,7 +5,7 @@ import pytest
 from by_objects import traces_by_objects
 
 from smarttac_can.population import trial
-from smarttac_can.population.fingers import CASES, draw_finger, lift
+from smarttac_can.population.fingers import CASES, PLATES, draw_finger, draw_plate, lift
 from smarttac_can.population.trial import Campaign, fastest, plain, traces_of
 from smarttac_can.vocabulary.states import Law, VibrationLaw
 
@@ -25,13 +25,18 @@ CAMPAIGNS = [
     Campaign(10, Law.PREDICTIVE, VibrationLaw.PREDICTIVE, 540e-6),
     Campaign(10, Law.PREDICTIVE, VibrationLaw.PREDICTIVE, 540e-6, "lifting"),
     *(Campaign(11, dead_time=540e-6, case=case) for case in CASES),
+    *(
+        Campaign(12, *laws, 540e-6, "film-lag", plates)
+        for plates in PLATES[1:]
+        for laws in ((Law.MEASURED, VibrationLaw.PI), (Law.PREDICTIVE, VibrationLaw.PREDICTIVE))
+    ),
 ]
 FINGERS = 2
 
 
 def name_of(campaign):
     laws = f"{campaign.law.name}-{campaign.vibration_law.name}".lower()
-    return f"{laws}-{campaign.dead_time * 1e6:.0f}us-{campaign.case}"
+    return f"{laws}-{campaign.dead_time * 1e6:.0f}us-{campaign.case}-{campaign.plates}"
 
 
 def apart(campaign, number):
@@ -40,10 +45,11 @@ def apart(campaign, number):
     It is taken up to the first tick at which a converter, the touch or the side decides otherwise.
     """
     finger = draw_finger(campaign.seed, number, CASES[campaign.case])
-    run = traces_of(campaign, finger)
+    under = draw_plate(campaign.seed, number, campaign.plates)
+    run = traces_of(campaign, finger, under)
     mine = np.stack([run.mu_true, run.mu, run.right], axis=1)[:TICKS]
     assert np.ptp(mine[1000:, 0]) > 0.05
-    theirs = traces_by_objects(campaign, finger, len(mine))
+    theirs = traces_by_objects(campaign, finger, under, len(mine))
     # The side counts in mode FRICTION alone: before it, none is reported.
     mine[:64, 2] = 0.0
     return np.abs(mine - theirs).max(axis=0)
@@ -85,3 +91,5 @@ def test_a_lift_takes_a_tenth_of_each_second():
 def test_there_is_no_such_case():
     with pytest.raises(ValueError, match=r"^there is no case 'x': nominal, "):
         Campaign(case="x")
+    with pytest.raises(ValueError, match=r"^there are no plates 'x': model, varied, identified$"):
+        Campaign(plates="x")

@@ -3,7 +3,15 @@ import math
 import numpy as np
 import pytest
 
-from smarttac_can.population.trial import NO_STEP, Traces, outcome
+from smarttac_can.population.steps import (
+    TIME_MS,
+    Step,
+    UndefinedError,
+    overshoot_percent,
+    rise_time,
+    single_steps,
+)
+from smarttac_can.population.trial import NO_STEP, TOUCHES, Traces, outcome
 
 LOW, HIGH = 0.3, 0.4
 PASS = 300
@@ -27,7 +35,7 @@ def synthetic(rise=4, over=0.0, wobble=0.0, noise=0.0, **changes):
 
 
 def test_a_step_is_judged_by_its_own_levels():
-    true, measured = outcome(synthetic(over=0.3, noise=1e-3), LOW, HIGH)
+    true, measured, _ = outcome(synthetic(over=0.3, noise=1e-3), LOW, HIGH)
     assert true.rise_time_ms == pytest.approx(0.8 * 4)
     assert true.overshoot_percent == pytest.approx(30.0)
     assert true.static_error_percent == pytest.approx(0.0, abs=1e-9)
@@ -38,13 +46,13 @@ def test_a_step_is_judged_by_its_own_levels():
 
 def test_chatter_is_the_standard_deviation_where_all_is_steady():
     run = synthetic(wobble=0.05)
-    true, _ = outcome(run, LOW, HIGH)
+    true, *_ = outcome(run, LOW, HIGH)
     assert true.chatter == pytest.approx(0.05 / math.sqrt(2.0), rel=0.01)
     turns = np.zeros(len(run.mu), dtype=np.bool_)
     turns[PASS // 2 :: PASS] = True
     spiked = np.where(turns, 0.0, synthetic().mu)
     assert outcome(synthetic(mu_true=spiked), LOW, HIGH).true.chatter > 0.02
-    still, _ = outcome(synthetic(mu_true=spiked, steady=~turns), LOW, HIGH)
+    still, *_ = outcome(synthetic(mu_true=spiked, steady=~turns), LOW, HIGH)
     assert still.chatter == pytest.approx(0.0, abs=1e-9)
 
 
@@ -67,14 +75,14 @@ def test_a_touch_that_is_lost_is_left_out_and_the_tick_after_it_is_not_chatter()
     ragged = run.mu_true.copy()
     lost[5 * PASS + 10 : 5 * PASS + 20] = 0.0
     ragged[5 * PASS + 10 : 5 * PASS + 60] += 0.2
-    true, _ = outcome(run._replace(mu=lost, mu_true=ragged), LOW, HIGH)
+    true, *_ = outcome(run._replace(mu=lost, mu_true=ragged), LOW, HIGH)
     assert true.overshoot_percent == pytest.approx(0.0, abs=1e-9)
     assert true.chatter == pytest.approx(0.0, abs=1e-9)
 
 
 def test_a_finger_without_a_usable_touch_counts_as_bad():
     run = synthetic()
-    true, measured = outcome(run._replace(mu=np.zeros(len(run.mu))), LOW, HIGH)
+    true, measured, _ = outcome(run._replace(mu=np.zeros(len(run.mu))), LOW, HIGH)
     assert (true.rise_time_ms, true.overshoot_percent) == (math.inf, NO_STEP)
     assert math.isnan(true.static_error_percent)
     assert math.isnan(measured.chatter)
@@ -83,7 +91,7 @@ def test_a_finger_without_a_usable_touch_counts_as_bad():
 def test_a_finger_that_makes_no_step_counts_as_bad_with_its_static_error():
     run = synthetic()
     flat = np.full(len(run.mu), 0.35)
-    true, _ = outcome(run._replace(mu_true=flat), LOW, HIGH)
+    true, *_ = outcome(run._replace(mu_true=flat), LOW, HIGH)
     assert (true.rise_time_ms, true.overshoot_percent) == (math.inf, NO_STEP)
     assert true.static_error_percent == pytest.approx(100 * 0.05 / 0.3)
 
@@ -91,6 +99,46 @@ def test_a_finger_that_makes_no_step_counts_as_bad_with_its_static_error():
 def test_no_switch_at_all():
     ticks = 500
     run = Traces(*(np.full(ticks, 0.3),) * 2, np.zeros(ticks), np.ones(ticks, dtype=np.bool_))
-    true, _ = outcome(run, LOW, HIGH)
+    true, *_ = outcome(run, LOW, HIGH)
     assert true.rise_time_ms == math.inf
     assert math.isnan(true.chatter)
+
+
+def test_single_touches_show_what_the_mean_curve_hides():
+    run = synthetic()
+    mu = run.mu_true.copy()
+    for number, switch in enumerate(range(5 * PASS, len(mu), 2 * PASS)):
+        # Even touches overshoot where odd ones fall short.
+        mu[switch + 10 : switch + 14] += 0.03 * (-1) ** number
+    true, _, touches = outcome(run._replace(mu_true=mu), LOW, HIGH)
+    assert true.overshoot_percent < 10.0
+    assert touches[:, 0] == pytest.approx([3.2] * 4 + [math.nan] * 2, nan_ok=True)
+    assert touches[:, 1] == pytest.approx([30, 0, 30, 0] + [math.nan] * 2, abs=1e-9, nan_ok=True)
+
+
+def test_a_touch_that_makes_no_step_counts_as_bad_and_one_that_is_lost_does_not():
+    run = synthetic()
+    mu, lost = run.mu_true.copy(), run.mu.copy()
+    mu[5 * PASS : 6 * PASS] = LOW
+    lost[7 * PASS + 10] = 0.0
+    touches = outcome(run._replace(mu_true=mu, mu=lost), LOW, HIGH).touches
+    assert touches.shape == (TOUCHES, 2)
+    assert touches[0].tolist() == [math.inf, NO_STEP]
+    assert touches[1:3, 0] == pytest.approx(3.2)
+    assert np.isnan(touches[3:]).all()
+
+
+def test_many_steps_at_once_are_judged_as_each_alone():
+    rng = np.random.default_rng(1)
+    shape = 1.0 - np.exp(-np.maximum(TIME_MS, 0.0) / rng.uniform(0.5, 6.0, (300, 1)))
+    curves = LOW + rng.uniform(0.03, 0.13, (300, 1)) * shape
+    curves += rng.choice([0.0, 0.005, 0.05], (300, 1)) * rng.standard_normal(curves.shape)
+    alone = []
+    for curve in curves:
+        step = Step(TIME_MS, curve, LOW, HIGH)
+        try:
+            alone.append((rise_time(step), overshoot_percent(step)))
+        except UndefinedError:
+            alone.append((math.inf, NO_STEP))
+    assert single_steps(curves, HIGH - LOW, NO_STEP) == pytest.approx(np.array(alone), abs=1e-9)
+    assert 30 < np.isinf(np.array(alone)[:, 0]).sum() < 270
