@@ -147,3 +147,4 @@ def test_a_finger_too_light_for_a_contact_is_remarked(Fn, remark):
 def test_nulls_of_an_untared_tribometer_do_not_count_as_a_finger():
     cascade, _, _ = identify(FirstOrderPlate(), 43390.0, forces=NULLS)
     assert cascade.identification.state is IdentificationState.DONE
+    assert cascade.reason == ""
