@@ -265,7 +265,6 @@ def plates_table(drawn: int) -> Iterator[str]:
             (False, BUS, 0.0, BUS),
             (False, BUS, WINDOW, told),
             (False, BUS, WINDOW, BUS),
-            (True, 0.0, 0.0, 0.0),
             (True, BUS, 0.0, BUS),
             (True, BUS, WINDOW, told),
         ),
