@@ -1,6 +1,6 @@
 """Measure how fast the COF follows its reference, and write docs/reference/bandwidth.md; minutes.
 
-All is seeded; two processes share the work. Example: python tools/bandwidth.py
+Two processes share the work. Example: python tools/bandwidth.py --check --seed 2
 """
 
 from __future__ import annotations
@@ -91,7 +91,9 @@ class Answer(NamedTuple):
     """Gains of reference to W_ref, to the amplitude, to the COF; in m and 1/m."""
 
 
-def answer(what: Condition, subject: int, speed: float, swing: float, frequency: int) -> Answer:
+def answer(
+    what: Condition, subject: int, speed: float, swing: float, frequency: int, seed: int
+) -> Answer:
     """Stroke for 3 s while the reference is a sine, and fit one to what slides steadily.
 
     Parameters
@@ -106,15 +108,17 @@ def answer(what: Condition, subject: int, speed: float, swing: float, frequency:
         Of the reference, from peak to peak.
     frequency
         In Hz; the nearest one of which a period is 100 steps of whole us.
+    seed
+        Of stroke and noise.
     """
     step = round(1e6 / VALUES / frequency)
     omega = 2.0 * np.pi * 1e6 / VALUES / step
     middle = float(np.mean(LEVELS[subject]))
     period = middle + 0.5 * swing * np.sin(2.0 * np.pi * np.arange(VALUES) / VALUES)
     values = tuple(np.round(period / COF_COUNT).astype(int).tolist())
-    stroke = Stroke(FORCE, speed * 1e-3, 0.05, force_variation=0.0, speed_variation=0.0)
+    stroke = Stroke(FORCE, speed * 1e-3, 0.05, force_variation=0.0, speed_variation=0.0, seed=seed)
     parameters = PlateParameters()
-    plate = Plate(parameters, SUBJECTS[subject - 1], stroke, dead_time=what.dead_time)
+    plate = Plate(parameters, SUBJECTS[subject - 1], stroke, seed=seed, dead_time=what.dead_time)
     cascade = Cascade(
         CascadeParameters(
             law=what.law,
@@ -161,21 +165,21 @@ def steady(stroke: Stroke) -> np.ndarray[Any, Any]:
 Curve = tuple[Answer, ...]
 
 
-def curve(what: Condition, subject: int, speed: float, swing: float) -> Curve:
+def curve(what: Condition, subject: int, speed: float, swing: float, seed: int) -> Curve:
     """Return the answers at all frequencies."""
-    return tuple(answer(what, subject, speed, swing, frequency) for frequency in FREQUENCIES)
+    return tuple(answer(what, subject, speed, swing, each, seed) for each in FREQUENCIES)
 
 
 Curves = dict[tuple[Condition, float], list[Curve]]
 """Of a condition and a swing, over subjects, and with the middle swing over speeds."""
 
 
-def curves() -> Curves:
+def curves(seed: int) -> Curves:
     """Return all curves."""
     with sharing(2) as submit:
         waiting = {
             (what, swing): [
-                submit(curve, what, subject, speed, swing)
+                submit(curve, what, subject, speed, swing, seed)
                 for subject in LEVELS
                 for speed in (SPEEDS if swing == SWINGS[1] else SPEEDS[1:2])
             ]
@@ -253,22 +257,28 @@ def stages(found: Curves) -> Iterator[str]:
 PERIODS: Final = (4.0, 2.0, 1.0, 0.5)
 
 
-def correlation(vibration_law: VibrationLaw, period: float, speed: float) -> float:
+def correlation(vibration_law: VibrationLaw, period: float, speed: float, seed: int) -> float:
     """Return the mean correlation of single passes over a sine of a period in mm; subject 2."""
     texture = Texture.grating(period, *LEVELS[2], shape="sine")
     played = play(
-        texture, 2, speed=speed, force=FORCE, dead_time_us=540, vibration_law=vibration_law
+        texture,
+        2,
+        speed=speed,
+        force=FORCE,
+        seed=seed,
+        dead_time_us=540,
+        vibration_law=vibration_law,
     )
     return float(np.mean(track(texture, played.position, played.cof).correlations))
 
 
-def gratings() -> Iterator[str]:
+def gratings(seed: int) -> Iterator[str]:
     """Return how gratings are followed, by period and speed."""
     rows = []
     for law in (VibrationLaw.PI, VibrationLaw.PREDICTIVE):
         for speed in SPEEDS:
             cells = [
-                f"{correlation(law, period, speed):.2f}, {speed / period:g} Hz"
+                f"{correlation(law, period, speed, seed):.2f}, {speed / period:g} Hz"
                 for period in PERIODS
             ]
             rows.append((f"`{law.name.lower()}`", f"{speed:g}", *cells))
@@ -276,9 +286,11 @@ def gratings() -> Iterator[str]:
 
 
 @cache
-def in_jnd(law: Law, vibration_law: VibrationLaw, dead_time: float) -> np.ndarray[Any, Any]:
+def in_jnd(
+    law: Law, vibration_law: VibrationLaw, dead_time: float, seed: int
+) -> np.ndarray[Any, Any]:
     """Return static error, overshoot and chatter of the true COF in JND, a row a finger."""
-    campaign = Campaign(1, law, vibration_law, dead_time)
+    campaign = Campaign(seed, law, vibration_law, dead_time)
     rows = []
     for number in range(FINGERS):
         finger = draw_finger(campaign.seed, number, CASES[campaign.case])
@@ -295,13 +307,15 @@ def in_jnd(law: Law, vibration_law: VibrationLaw, dead_time: float) -> np.ndarra
     return np.array(rows)
 
 
-def felt() -> Iterator[str]:
+def felt(seed: int) -> Iterator[str]:
     """Return the table of errors in JND: of fingers of a campaign, and of gratings."""
     rows = []
     for what in CONDITIONS:
         if what.mode is Mode.TEXTURE:
             conditions = textures.Conditions(
-                dead_time_us=round(1e6 * what.dead_time), vibration_law=what.vibration_law
+                dead_time_us=round(1e6 * what.dead_time),
+                vibration_law=what.vibration_law,
+                seed=seed,
             )
             cells = ["", "", ""]
             for shape in textures.SHAPES:
@@ -311,7 +325,7 @@ def felt() -> Iterator[str]:
                 ]
                 cells.append(f"{np.median(errors):.2f} ({max(errors):.2f})")
         else:
-            found = in_jnd(what.law, what.vibration_law, what.dead_time)
+            found = in_jnd(what.law, what.vibration_law, what.dead_time, seed)
             high = np.nanquantile(found, (0.5, 0.95), axis=0, method="inverted_cdf")
             cells = [f"{middle:.2f} ({most:.2f})" for middle, most in high.T] + ["", ""]
         rows.append((*name(what), *cells))
@@ -358,20 +372,20 @@ def picture(found: Curves) -> None:
         save(figure, EXPLANATION / "figures" / "bandwidth.png")
 
 
-def pages(draw: bool) -> Pages:
+def pages(draw: bool, seed: int) -> Pages:
     """Return the page, and draw its picture."""
-    found = curves()
+    found = curves(seed)
     if draw:
         picture(found)
     fields = {
         "edges": edges(found),
         "answers": answers(found),
         "stages": stages(found),
-        "gratings": gratings(),
-        "felt": felt(),
+        "gratings": gratings(seed),
+        "felt": felt(seed),
     }
     return renewed(REFERENCE / "bandwidth.md", fields)
 
 
 if __name__ == "__main__":
-    sys.exit(made(__doc__, pages))
+    sys.exit(made(__doc__, pages, seed=1))

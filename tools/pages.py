@@ -46,7 +46,7 @@ def write(pages: Pages) -> None:
         path.write_text(text, encoding="utf-8")
 
 
-def made(text: str | None, pages: Callable[[bool], Pages]) -> int:
+def made(text: str | None, pages: Callable[..., Pages], seed: int | None = None) -> int:
     """Be a tool that writes pages; with --check it compares them alone.
 
     Parameters
@@ -55,6 +55,8 @@ def made(text: str | None, pages: Callable[[bool], Pages]) -> int:
         Docstring of the tool.
     pages
         Makes the pages, and draws their figures where it is asked to.
+    seed
+        Default of an option --seed, which is handed on by its name; None for no option.
 
     Returns
     -------
@@ -63,11 +65,14 @@ def made(text: str | None, pages: Callable[[bool], Pages]) -> int:
     """
     parser = parser_of(text)
     parser.add_argument("--check", action="store_true", help="write nothing, compare")
-    if parser.parse_args().check:
-        stale = differences(pages(False))
+    if seed is not None:
+        parser.add_argument("--seed", type=int, default=seed, help="of what is drawn")
+    options = vars(parser.parse_args())
+    if options.pop("check"):
+        stale = differences(pages(False, **options))
         print("\n".join(stale), end="\n" if stale else "")
         return 1 if stale else 0
-    write(pages(True))
+    write(pages(True, **options))
     return 0
 
 

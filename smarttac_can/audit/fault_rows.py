@@ -34,7 +34,7 @@ from smarttac_can.vocabulary.states import Mode, State, Status, known_state
 
 NOT_SHOWN: Final = {
     "cycles_to_zero": (
-        # In turn: frames of the plate do not pass; SYNC does not count cycles; the plate does nothing.
+        # In turn: no frame of the plate passes; SYNC counts no cycles; the plate does nothing.
         "a node babbles",
         "SYNC twice a cycle",
         "plate paused for 2 s",

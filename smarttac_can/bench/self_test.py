@@ -13,7 +13,9 @@ import numpy.typing as npt
 from smarttac_can.bench.calibration import GAUGES, SAMPLES, gauge_names
 from smarttac_can.bench.errors import RunInterruptedError
 from smarttac_can.bench.stimulator import Stimulator
+from smarttac_can.bench.traces import Trace
 from smarttac_can.master.errors import BenchError, BusLostError, HeartbeatLostError
+from smarttac_can.vocabulary.step_response import STEP_TICKS, step_response
 
 _TIMING_S: Final = 1.0
 _SETTLE_CYCLES: Final = 20
@@ -23,6 +25,8 @@ _SWEEP_UM: Final = 0.5
 _SWEEP_HZ: Final = 250.0
 _SWEEP_POINTS: Final = 13
 _MOST_V: Final = 40.0
+_SWITCHES: Final = 16
+_HOLD_CYCLES: Final = 32
 _HZ_PER_K: Final = -14.0
 """Change of the resonance with temperature in Hz/K, from the paper."""
 _COUNTS: Final = ("Foreign ticks", "Corrupt measurements", "Surplus measurements")
@@ -76,7 +80,7 @@ class Check(NamedTuple):
 
 
 def selftest(stimulator: Stimulator, tell: Callable[[Check], None] = lambda _: None) -> list[Check]:
-    """Check timing, gauges, pick-up and resonance of a stimulator with an empty plate.
+    """Check timing, gauges, pick-up, resonance and delay of a stimulator with an empty plate.
 
     It drives up to 0.5 um in open loop. In any case the stimulator is disarmed at the end, at 0 V,
     and its set-points are restored. If the stimulator refuses a part, or a fault ends it, that part
@@ -176,8 +180,10 @@ def _sweep(stimulator: Stimulator) -> Iterator[Check]:
     stimulator.frequency = float(frequency[0])
     stimulator.mode = "open_loop"
     W = [_answer(stimulator, float(f)) for f in frequency]
-    stimulator.disarm()
     fit = ResonanceFit.from_sweep(frequency, W, voltage)
+    stimulator.frequency = min(max(fit.f0, frequency[0]), frequency[-1])
+    trace = _switched(stimulator, voltage)
+    stimulator.disarm()
     quality = stimulator.get("Model.Quality")
     yield Check("sweep.residual", 100.0 * fit.residual, "%", 0.0, RESIDUAL_PERCENT)
     yield Check("sweep.resonance", fit.f0, "Hz", expected - RESONANCE_HZ, expected + RESONANCE_HZ)
@@ -185,6 +191,52 @@ def _sweep(stimulator: Stimulator) -> Iterator[Check]:
     yield Check("sweep.quality", abs(fit.quality), "", *_about(quality))
     yield Check("polarity.drive", float(np.sign(fit.gain)), "", 1.0, 1.0)
     yield Check("polarity.phase", float(np.sign(fit.tau)), "", 1.0, 1.0)
+    yield _delay(trace, stimulator.get("Controller.Dead time", "us"))
+
+
+def _switched(stimulator: Stimulator, voltage: float) -> Trace:
+    """Switch the voltage to its half and back, and return the trace; it begins with all of it."""
+    switches = 0
+
+    def switch(cycles: int) -> None:
+        nonlocal switches
+        if cycles >= (switches + 1) * _HOLD_CYCLES and switches < _SWITCHES:
+            switches += 1
+            stimulator.voltage = voltage / (1 + switches % 2)
+
+    stimulator.voltage = voltage
+    seconds = 1e-3 * (_SWITCHES + 2) * _HOLD_CYCLES
+    return stimulator.run(seconds, "selftest.delay", meanwhile=switch)
+
+
+def _delay(trace: Trace, dead_time: float) -> Check:
+    """Judge the time from a measurement until its drive is seen, against the dead time in us.
+
+    Half of the voltage stands for none: an offset of the pick-up cancels, and so does most of what
+    a plate softens.
+    """
+    name = "sweep.delay"
+    volts, W = trace.voltage_v, 1e-6 * trace.amplitude_um
+    at = np.flatnonzero(np.diff(volts)) + 1
+    whole = [
+        len(W) > k + STEP_TICKS
+        and trace.tick[k + STEP_TICKS] - trace.tick[k - 1] == STEP_TICKS + 1
+        and not np.any(np.diff(volts[k : k + STEP_TICKS]))
+        for k in at
+    ]
+    pairs = [k for k in range(0, len(at) - 1, 2) if whole[k] and whole[k + 1]]
+    holds = [W[k + 1 : k + 1 + STEP_TICKS].tolist() for pair in pairs for k in at[pair : pair + 2]]
+    if len(pairs) < _LEAST_POINTS:
+        return Check(name, None, "us", -inf, inf, "too many cycles were lost between the steps")
+    rest = np.array(holds)[:, STEP_TICKS // 2 :]
+    low = float(rest[::2].mean())
+    noise = float(np.sqrt(rest.var(axis=1).mean()))
+    try:
+        found = step_response(holds, low, noise)
+    except ValueError as error:
+        return Check(name, None, "us", -inf, inf, str(error))
+    allowed = found.tolerance * 1e6
+    return Check(name, found.delay * 1e6, "us", dead_time - allowed, dead_time + allowed)
 
 
 def _answer(stimulator: Stimulator, frequency: float) -> complex:

@@ -548,7 +548,14 @@ class Stimulator(NamedObjects):
         """
         return Reading.from_snapshot(self._link.snapshot(), self._od)
 
-    def run(self, seconds: float, experiment: str = "run", subject: int = 0) -> Trace:
+    def run(
+        self,
+        seconds: float,
+        experiment: str = "run",
+        subject: int = 0,
+        *,
+        meanwhile: Callable[[int], None] = lambda _: None,
+    ) -> Trace:
         """Run the loop, and return what was recorded in each of its cycles of 1 ms.
 
         From 2 s on, a progress bar is shown on a terminal and in a notebook.
@@ -562,6 +569,9 @@ class Stimulator(NamedObjects):
             Length in s, 0.001 to 604800; loop time in lockstep, time of the clock otherwise.
         experiment, subject
             Labels of the trace.
+        meanwhile
+            Called again and again with the number of cycles recorded so far. It may write
+            set-points, so that a step is within the trace.
 
         Raises
         ------
@@ -595,6 +605,7 @@ class Stimulator(NamedObjects):
 
                 def ends() -> bool:
                     progress(len(rows) / cycles)
+                    meanwhile(len(rows))
                     return interrupted()
 
                 self._link.run(cycles, rows, ends)

@@ -451,7 +451,7 @@ def selftest(
     lockstep: bool,
     json_file: Path | None,
 ) -> None:
-    """Judge timing, gauges, pick-up and resonance of a stimulator; 1 if a check fails.
+    """Judge timing, gauges, pick-up, resonance and delay of a stimulator; 1 if a check fails.
 
     Nothing may rest on the plate: it vibrates with 0.5 um at most, and is left at 0 V on every way
     out, Ctrl-C included. Each check is printed on stderr as it is made.

@@ -29,6 +29,9 @@ from smarttac_can.vocabulary.states import Mode
 
 _IDENTIFY: Final = Mode.IDENTIFY
 """Module constant, as looking up an enumeration member takes ten times as long in every cycle."""
+WEIGHT_MIN: Final = 20e-3
+"""Normal force in N since the tare from which an identification has a remark. Its noise is 1.5 mN;
+the gauges of a sound plate may drift by as much in 2 K."""
 
 
 class Cascade:
@@ -248,12 +251,22 @@ class Cascade:
         if identification.model is None:
             self._turn_off(f"identification: {identification.failure}")
             return self._state.drive
-        self._turn_off(identification.remark)
+        self._turn_off("; ".join(filter(None, (identification.remark, self._weight()))))
         # The load is not identified, and f0 depends on the temperature.
         self.adopt(
             replace(identification.model, load=self.model.load, temperature=measurement.temperature)
         )
         return self._state.drive
+
+    def _weight(self) -> str:
+        """Return a remark on a weight since the tare, too light for a contact; empty for none."""
+        weight = sum(self.null()[2:]) - sum(self._plan.zero[2:])
+        if not self.tared or weight < WEIGHT_MIN:
+            return ""
+        return (
+            f"the gauges read {weight * 1e3:.0f} mN more than at the tare: if something touched "
+            "the plate, lift it and repeat; otherwise tare"
+        )
 
     def _turn_off(self, reason: str) -> None:
         if self.mode is _IDENTIFY and self.identification is not None:

@@ -31,6 +31,7 @@ from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.signals import TICK, Drive
 from smarttac_can.vocabulary.states import IdentificationState
+from smarttac_can.vocabulary.step_response import STEP_TICKS, StepResponse, step_response
 
 W_CEILING = 1.5e-6
 """Amplitude in m at which the identification gives up; it aims well below."""
@@ -50,7 +51,6 @@ REST_TICKS = 80
 OFFSET_TICKS = 16
 PROBE_TICKS = 12
 PROBE_LEVELS = 10
-STEP_TICKS = 24
 STEP_PAIRS = 4
 PHASE_MAX = 1.55
 """Bound of the phase of W in rad: W_d is noise beyond it."""
@@ -60,9 +60,6 @@ are made again there."""
 APPROACHES = 6
 TURN = 2.0 * math.pi / TICK
 """What the detuning is known but for multiples of after a step, in rad/s."""
-A_MIN = 1e-5
-A_MAX = math.exp(-TICK / 1e-2)
-"""Bounds of abs(A): lags of 0.09 ms, far too short for the tick, and of 10 ms."""
 SWEEP_POINTS = 17
 SWEEP_SETTLING = 7.0
 """Ticks after a change of frequency, in time constants."""
@@ -79,9 +76,6 @@ SAME = 1.25
 SOFTENING_MIN = 10e6
 """Softening in Hz/m up to which a plate is taken to be linear; a plate whose softening is within
 the noise is linear as well."""
-DELAY_MAX = 100e-6
-"""Largest difference in s, beyond that of the noise, between the delay that is found and the dead
-time that is written; above it there is a remark."""
 RESIDUAL_MAX = 0.05
 """Largest relative deviation of the sweep from the model, beyond that of the noise, that is taken
 for a resonance."""
@@ -190,15 +184,14 @@ class Identification:
         for _ in range(APPROACHES):
             V = yield from _probe(V_max, f, offset, noise)
             self.progress = 0.2
-            tau, f0, gain, delay, unsure = yield from _steps(
-                V, f, offset, noise, patience * STEP_PAIRS
-            )
+            tau, f0, gain, steps = yield from _steps(V, f, offset, noise, patience * STEP_PAIRS)
             nearest = min(max(f0, f_min), f_max)
             if abs(nearest - f) <= NEAR:
                 break
             f = nearest
             yield from _hold(0.0, f, REST_TICKS)
-        if abs(delay - p.dead_time) > DELAY_MAX + RESIDUAL_NOISE * unsure:
+        delay = steps.delay
+        if abs(delay - p.dead_time) > steps.tolerance:
             self.remark = (
                 f"a drive is seen some {delay * 1e6:.0f} us after its measurement, the dead time "
                 f"is {p.dead_time * 1e6:.0f} us: write Controller.Dead time"
@@ -272,58 +265,24 @@ def _probe(
 
 def _steps(
     V: float, f: float, offset: complex, noise: float, pairs: int
-) -> Generator[Drive, complex, tuple[float, float, float, float, float]]:
-    """Switch the voltage off and on, and return a first tau, f0 and gain.
-
-    The last two are the delay in s from a measurement until its drive is seen, and its standard
-    uncertainty. Two ticks after a switch ``e^(-(2 Ts - delay)/tau)`` of it is left; half of the
-    pick-up's window counts as delay.
-    """
-    product, square, next_square = 0j, 0.0, 0.0
-    after: list[complex] = []
-    driven: list[tuple[complex, complex]] = []
+) -> Generator[Drive, complex, tuple[float, float, float, StepResponse]]:
+    """Switch the voltage off and on, and return a first tau, f0, gain, and the response."""
+    holds: list[list[complex]] = []
     for _ in range(pairs):
         for voltage in (0.0, V):
-            samples = yield from _hold(voltage, f, STEP_TICKS)
-            after.append(samples[1])
-            now, then = samples[:-1], samples[1:]
-            now_mean, then_mean = _mean(now), _mean(then)
-            for x, y in zip(now, then, strict=True):
-                dx, dy = x - now_mean, y - then_mean
-                product += dy * dx.conjugate()
-                square += dx.real * dx.real + dx.imag * dx.imag
-                next_square += dy.real * dy.real + dy.imag * dy.imag
-            if voltage > 0.0:
-                driven.append((now_mean, then_mean))
-    A = product / square if square > 0.0 else 0j
-    if not A_MIN < abs(A) < A_MAX:
-        raise IdentificationError(
-            f"the response to a step is no decay: {abs(A):.3g} is outside {A_MIN:.3g}..{A_MAX:.3g}"
-        )
-    W = _mean([(then - A * now) / (1.0 - A) for now, then in driven]) - offset
+            holds.append((yield from _hold(voltage, f, STEP_TICKS)))
+    try:
+        response = step_response(holds, offset, noise)
+    except ValueError as error:
+        raise IdentificationError(str(error)) from error
+    A, W, unbiased, _, _ = response
     phase = max(-PHASE_MAX, min(PHASE_MAX, -cmath.phase(W)))
     dw = -cmath.phase(A) / TICK
-    dw_c = math.tan(phase) * -math.log(_unbiased(product, square, next_square)) / TICK
+    dw_c = math.tan(phase) / unbiased
     dw += TURN * round((dw_c - dw) / TURN)
     tau = -TICK / math.log(abs(A))
     amplitude = max(abs(W * complex(1.0, tau * dw)), abs(W) / math.cos(phase) / SAME)
-    # The first one comes from another voltage.
-    switched = len(after) - 1
-    left = [x - offset - (W if i % 2 else 0.0) for i, x in enumerate(after)][1:]
-    share = abs(sum(-x if i % 2 == 0 else x for i, x in enumerate(left))) / (switched * abs(W))
-    delay, unsure = 2.0 * TICK, math.inf
-    if share > 0.0:
-        unbiased = -TICK / math.log(_unbiased(product, square, next_square))
-        delay += unbiased * math.log(share)
-        unsure = unbiased * noise / (math.sqrt(switched) * abs(W) * share)
-    return tau, f - dw / (2.0 * math.pi), amplitude / V, delay, unsure
-
-
-def _unbiased(product: complex, square: float, next_square: float) -> float:
-    """Return abs(A) by total least squares: noise in both samples biases the ordinary to 0."""
-    size = abs(product)
-    half = 0.5 * (next_square - square)
-    return min(max((half + math.hypot(half, size)) / size, A_MIN), A_MAX)
+    return tau, f - dw / (2.0 * math.pi), amplitude / V, response
 
 
 def _fit_sweep(V: float, points: list[tuple[float, complex]], noise: float) -> PlateModel:

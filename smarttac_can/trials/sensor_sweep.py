@@ -302,6 +302,8 @@ class Cell:
     identified: str = "no"
     ambient: float = 20.0
     """Temperature of plate and environment in degC."""
+    softening: float = 0.0
+    """Fall of the resonance with the amplitude in Hz/um."""
     cycles: int = 300
     """Number of cycles after the onset."""
     seed: int = 1
@@ -425,6 +427,11 @@ _TEXTURE: Final = "Texture table.Table 1"
 
 
 @cache
+def _plate(softening: float) -> PlateParameters:
+    return PlateParameters(resonator=ResonatorParameters(softening=1e6 * softening))
+
+
+@cache
 def _subject(damping: float) -> Subject:
     return replace(SUBJECTS[1], load_damping=damping)
 
@@ -482,7 +489,7 @@ class _Bench:
         backend = self.plate.backend
         assert isinstance(backend, SimulatedPlate)
         backend.plate = Plate(
-            PlateParameters(), _subject(cell.damping), finger, ambient=cell.ambient,
+            _plate(cell.softening), _subject(cell.damping), finger, ambient=cell.ambient,
             dead_time=cell.dead_time * 1e-6, seed=cell.seed,
             failing=FailingSensors(failure, onset, cell.seed),
         )  # fmt: skip
@@ -540,11 +547,11 @@ def _bench() -> _Bench:
 
 
 @cache
-def _identification(dead_time: int) -> dict[str, Any]:
+def _identification(dead_time: int, softening: float) -> dict[str, Any]:
     """Return the stored values of a plate that was identified with sound sensors."""
     bench = _bench()
     bench.power_on({})
-    sound = Cell(dead_time=dead_time)
+    sound = Cell(dead_time=dead_time, softening=softening)
     bench.identify(sound, parse_failure(sound.failure), _NEVER)
     return bench.stored()
 
@@ -562,7 +569,7 @@ def run_cell(cell: Cell, promise: Promise = PROMISES) -> Result:
     failure = parse_failure(cell.failure)
     mode = Mode[cell.mode]
     sound = cell.identified == "sound" and mode is not Mode.IDENTIFY
-    stored = _identification(cell.dead_time) if sound else {}
+    stored = _identification(cell.dead_time, cell.softening) if sound else {}
     bench = _bench()
     bench.power_on(stored)
     if cell.identified == "failed":
@@ -757,6 +764,18 @@ def grid_cells(seed: int, *, fine: bool = False) -> list[Cell]:
                 _drawn(draw, failure, mode, 1000 if fine else 200, grid=True) for _ in range(count)
             ]
     return cells
+
+
+def softened(cells: Sequence[Cell], softening: float) -> list[Cell]:
+    """Return the cells on a plate that softens, in Hz/um, and was identified in each of them."""
+    return [
+        replace(
+            cell,
+            softening=softening,
+            identified="sound" if cell.identified == "no" else cell.identified,
+        )
+        for cell in cells
+    ]
 
 
 def random_cells(count: int, seed: int) -> list[Cell]:

@@ -17,7 +17,7 @@ ALL = {
     *(f"{what}.S{gauge}" for what in ("null", "drift", "noise") for gauge in range(1, 7)),
     "noise.W_d", "noise.W_q", "null.W_d", "null.W_q",
     "sweep.residual", "sweep.resonance", "sweep.gain", "sweep.quality",
-    "polarity.drive", "polarity.phase", "end.voltage", "end.amplitude",
+    "polarity.drive", "polarity.phase", "sweep.delay", "end.voltage", "end.amplitude",
 }  # fmt: skip
 
 
@@ -168,6 +168,41 @@ def test_rows_that_are_lost_fail(bench: Stimulator) -> None:
 
     bench._link.run = losing
     assert failures(selftest(bench)) == {"timing.lost rows"}
+
+
+@pytest.mark.parametrize(
+    ("true", "dead_time", "bad"),
+    [
+        (540, 540, set()),
+        (540, 460, set()),
+        (540, 390, {"sweep.delay"}),
+        (0, 150, {"sweep.delay"}),
+    ],
+)
+def test_a_dead_time_that_is_not_the_one_written_fails(
+    bench: Stimulator, true: int, dead_time: int, bad: set[str]
+) -> None:
+    bench.set("Simulation.Drive instant", true)
+    bench.set("Controller.Dead time", dead_time)
+    bench.start_run()
+    checks = selftest(bench)
+    assert failures(checks) == bad
+    (delay,) = (check.value for check in checks if check.name == "sweep.delay")
+    assert delay == pytest.approx(true, abs=15)
+
+
+def test_a_delay_is_not_told_from_steps_with_gaps(bench: Stimulator) -> None:
+    run = bench._link.run
+
+    def losing(cycles: int, rows: list[tuple[int, ...]], *others: Any) -> None:
+        run(cycles, rows, *others)
+        rows[:] = [row for row in rows if cycles != 576 or row[0] % 20]
+
+    bench._link.run = losing
+    checks = selftest(bench)
+    assert failures(checks) == {"sweep.delay"}
+    (delay,) = (check for check in checks if check.name == "sweep.delay")
+    assert delay.text == "too many cycles were lost between the steps"
 
 
 def test_a_plate_that_goes_on_vibrating_fails(bench: Stimulator) -> None:

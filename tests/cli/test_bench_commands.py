@@ -374,7 +374,7 @@ def test_a_sound_plate_and_a_broken_one(multicast: dict[str, Any], tmp_path: Pat
             bench.set("Fault.Value", 100)
             bench.set("Fault.Kind", FaultKind.OFFSET)
         broken = selftest(multicast, "--lockstep", "--json", "-")
-    assert (sound.returncode, sound.stdout) == (0, "passed: 35 checks\n")
+    assert (sound.returncode, sound.stdout) == (0, "passed: 36 checks\n")
     assert sound.stderr.splitlines()[0] == (
         "ok      timing.lost rows                      0 %     (0..5)"
     )

@@ -128,6 +128,23 @@ def test_finger_on_the_plate():
     assert reason == "the plate is loaded with 0.50 N"
 
 
+@pytest.mark.parametrize(("Fn", "remark"), [(0.015, ""), (0.025, "25"), (0.08, "80")])
+def test_a_finger_too_light_for_a_contact_is_remarked(Fn, remark):
+    cascade = Cascade()
+    for _ in range(64):
+        cascade.update(FirstOrderPlate().measure(NULLS), setpoint())
+    cascade.zero = cascade.null()
+    loaded = tuple(n + s for n, s in zip(NULLS, gauges(Fn=Fn), strict=True))
+    identify(FirstOrderPlate(), 43390.0, cascade=cascade, forces=loaded)
+    assert cascade.identification.state is IdentificationState.DONE
+    more = (
+        f"the gauges read {remark} mN more than at the tare: if something touched the plate, "
+        "lift it and repeat; otherwise tare"
+    )
+    assert cascade.reason == (more if remark else "")
+
+
 def test_nulls_of_an_untared_tribometer_do_not_count_as_a_finger():
     cascade, _, _ = identify(FirstOrderPlate(), 43390.0, forces=NULLS)
     assert cascade.identification.state is IdentificationState.DONE
+    assert cascade.reason == ""

@@ -23,10 +23,10 @@ from smarttac_can.control.identification import (
     _require_unloaded,
     _steps,
     _Sweep,
-    _unbiased,
 )
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.vocabulary.model import PlateModel
+from smarttac_can.vocabulary.step_response import _unbiased
 
 models = st.builds(
     PlateModel, st.floats(10e-9, 200e-9), st.floats(0.5e-3, 2e-3), st.floats(43_300.0, 43_500.0)
@@ -58,9 +58,9 @@ def test_steps_tell_any_plate_however_far_off_they_are_made(model, off):
     plate = FirstOrderPlate(model, dead_time=300e-6)
     V = 1e-6 / model.gain
     steps = _steps(V, model.f0 + off, 0j, 0.0, 4)
-    (tau, f0, gain, delay, unsure), drives = carried_out(steps, plate)
-    assert delay == pytest.approx(300e-6, abs=1e-6)
-    assert unsure == 0.0
+    (tau, f0, gain, response), drives = carried_out(steps, plate)
+    assert response.delay == pytest.approx(300e-6, abs=1e-6)
+    assert response.tolerance == 100e-6
     assert tau == pytest.approx(model.tau, rel=1e-6)
     assert f0 == pytest.approx(model.f0, abs=1e-3)
     assert gain == pytest.approx(model.gain, rel=1e-6)

@@ -110,6 +110,8 @@ def test_the_tool_writes_what_a_check_takes(tool: ModuleType) -> None:
     assert [(s["name"], s["seed"], s["cells"]) for s in made["sweeps"]] == [
         ("coarse", 1, 2),
         ("fine", 5, 2),
+        ("coarse, 60 Hz/um", 1, 2),
+        ("coarse, 150 Hz/um", 1, 2),
     ]
     assert {name: row["cells"] for name, row in made["failures"].items()} == {
         "pick-up d: gain below 1": 2,
@@ -119,6 +121,8 @@ def test_the_tool_writes_what_a_check_takes(tool: ModuleType) -> None:
     assert made["factors"]["mode"]["amplitude"]["cells"] == 4
     assert made["healthy"]["runs"] == 2
     assert run(tool, "--check") == (0, "2 cells, 0 violations\n")
+    assert run(tool, "--softening") == (0, "8 cells, 0 violations; 0 false trips\n")
+    assert json.loads(tool.SUMMARY.read_text()) == made
 
 
 def test_a_check_refuses_what_has_changed(
