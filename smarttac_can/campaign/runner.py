@@ -30,9 +30,9 @@ from smarttac_can.population.compiled import can_compile
 from smarttac_can.population.trial import TOUCH_FIGURES, TOUCHES, Campaign, Figures, outcome_of
 
 Rows = NDArray[np.float64]
-"""A row a finger: true figures, measured ones, those of single touches, how long it ran in s."""
+"""A row per finger: true figures, measured figures, figures of single touches, time in s."""
 CURVES: Final = (*Figures._fields, *(f"measured_{name}" for name in Figures._fields))
-"""Columns of figures of mean curves; the first ones."""
+"""First columns: figures of the mean curves."""
 COLUMNS: Final = (
     *CURVES,
     *(f"touch_{n}_{name}" for n in range(1, TOUCHES + 1) for name in TOUCH_FIGURES),
@@ -94,7 +94,7 @@ def chunks_of(missing: NDArray[np.intp]) -> list[range]:
 _LINE_MAX: Final = 1 << 16
 _FINGERS_MAX: Final = 1 << 32
 _OLDER: Final = {"plates": "model"}
-"""What applies to a file whose header has it not."""
+"""Values for keys that the header of an older file lacks."""
 
 
 class RecordError(Exception):

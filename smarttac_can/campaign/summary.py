@@ -24,7 +24,7 @@ _QUANTILES: Final = {"p5": 0.05, "p50": 0.5, "p95": 0.95}
 
 
 def column(rows: Rows, name: str) -> Rows:
-    """Return a figure of all fingers; one that begins with ``touch_`` of all touches, in a row."""
+    """Return a figure of all fingers; if its name begins with ``touch_``, of all touches, flat."""
     if name.startswith("touch_"):
         first = len(CURVES) + TOUCH_FIGURES.index(name.removeprefix("touch_"))
         return rows[:, first : -1 : len(TOUCH_FIGURES)].ravel()
@@ -34,9 +34,9 @@ def column(rows: Rows, name: str) -> Rows:
 def summary(campaign: Campaign, result: Result) -> dict[str, Any]:
     """Return the results of a campaign.
 
-    Percentiles are values of a finger, or of a touch, not between two. One that makes no step
-    counts as slower than any, and as 100 % of overshoot; a percentile that falls on such a rise
-    time is None.
+    Percentiles are values of a finger, or of a touch, without interpolation. A finger or touch
+    without a step counts with an infinite rise time and an overshoot of 100 %. A percentile that is
+    such a rise time is None.
     """
     rows = result.rows
     names = (*CURVES, *(f"touch_{name}" for name in TOUCH_FIGURES))
@@ -58,7 +58,7 @@ def summary(campaign: Campaign, result: Result) -> dict[str, Any]:
 
 
 def _percentiles(values: Rows) -> dict[str, float | None]:
-    """Return percentiles over all that have the metric; None without one, or of no rise."""
+    """Return percentiles over the known values; None if there are none, or for infinite ones."""
     known = values[~np.isnan(values)]
     if not len(known):
         return dict.fromkeys(_QUANTILES)
@@ -70,7 +70,7 @@ def _percentiles(values: Rows) -> dict[str, float | None]:
 
 
 def lines(campaigns: Sequence[dict[str, Any]]) -> list[str]:
-    """Return the summaries of the same fingers under some laws as lines, with one table."""
+    """Return summaries of the same fingers under several laws as lines, with one table."""
     several = len(campaigns) > 1
     names = "".join(f"{_laws(r):>{10 * len(_QUANTILES)}}" for r in campaigns)
     rows = [
@@ -117,7 +117,7 @@ def _number(value: float | None) -> str:
 
 RESULTS, FINGERS, PICTURE = "campaign.json", "fingers.csv", "campaign.png"
 FILES: Final = (RESULTS, FINGERS, PICTURE, "campaign.svg")
-"""All that `write_folder` writes."""
+"""All files that `write_folder` writes."""
 
 
 def write_folder(folder: Path, campaigns: Sequence[dict[str, Any]], rows: Sequence[Rows]) -> Path:
@@ -126,16 +126,16 @@ def write_folder(folder: Path, campaigns: Sequence[dict[str, Any]], rows: Sequen
     Parameters
     ----------
     folder
-        It is made if there is none.
+        Folder to write; created if it does not exist.
     campaigns
-        The summaries of the same fingers under some laws.
+        Summaries of the same fingers under one or more laws.
     rows
-        The rows of each.
+        Rows of each campaign.
 
     Raises
     ------
     OSError
-        If it cannot be written.
+        If the folder cannot be written.
     """
     # matplotlib is an extra.
     from smarttac_can.bench.drawing import save  # noqa: PLC0415
@@ -155,7 +155,7 @@ def write_folder(folder: Path, campaigns: Sequence[dict[str, Any]], rows: Sequen
 
 
 def as_json(campaigns: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Return the summary of one campaign, or those of several as ``campaigns``."""
+    """Return the summary of one campaign, or several summaries under ``campaigns``, for JSON."""
     return campaigns[0] if len(campaigns) == 1 else {"campaigns": list(campaigns)}
 
 
@@ -171,17 +171,17 @@ _FEW_DECADES, _MANY_DECADES = 1.0, 2.5
 
 
 def distributions(campaigns: Sequence[dict[str, Any]], rows: Sequence[Rows]) -> Figure:
-    """Draw the share of fingers, and of single touches, below each value.
+    """Draw the fraction of fingers, and of single touches, below each value.
 
     Needs matplotlib (extra ``report``).
 
     Parameters
     ----------
     campaigns
-        The summaries of the same fingers under some laws. Of a single one the measured COF is
-        drawn, too.
+        Summaries of the same fingers under one or more laws. For a single law the measured COF is
+        drawn as well.
     rows
-        The rows of each.
+        Rows of each campaign.
     """
     from smarttac_can.bench.drawing import GREEN, RED, canvas  # noqa: PLC0415
 
@@ -240,7 +240,7 @@ def _mark_limit_cycles(axes: Axes) -> None:
 
 
 def _label_few(axes: Axes) -> None:
-    """Label a logarithmic axis by plain numbers, so few that they do not touch."""
+    """Label a logarithmic axis with plain numbers, few enough not to overlap."""
     from matplotlib.ticker import (  # noqa: PLC0415
         FuncFormatter,
         LogLocator,

@@ -1,4 +1,4 @@
-"""Random fingers and plates: each a function of the campaign's seed and its own number."""
+"""Random fingers and plates, each a function of the campaign's seed and its own number."""
 
 from __future__ import annotations
 
@@ -65,26 +65,26 @@ CASES: Final[dict[str, Case]] = {
 
 
 AMBIENT: Final = 20.0
-"""Temperature in degC of the model's plate and its surroundings at the beginning."""
+"""Temperature in degC at the beginning of the plate of the model and its surroundings."""
 
 
 class Plate(NamedTuple):
-    """A plate of a population, and what the laws know of it; by default the model's."""
+    """A plate of a population, and the model by which its laws are designed."""
 
     resonator: ResonatorParameters = ResonatorParameters()
     window: float = 0.0
-    """Of the pick-up in s."""
+    """Window of the pick-up in s."""
     ambient: float = AMBIENT
     """Temperature in degC at the beginning."""
     excess: float = 0.0
     """Dead time that the laws assume minus the true one, in s."""
     model: PlateModel = PlateModel()
-    """By which the laws are designed."""
+    """Model by which the laws are designed."""
 
 
 MODEL_PLATE: Final = Plate()
 PLATES: Final = ("model", "varied", "identified")
-"""Whether plates are the model's or drawn, and whether the laws are designed for what is drawn."""
+"""The plate of the model, random plates, or random plates for which the laws are designed."""
 PLATE_RANGES: Final = {
     "softening": (0.0, 150e6),
     "neighbour_share": (0.1, 0.3),
@@ -95,10 +95,11 @@ PLATE_RANGES: Final = {
     "temperature": (15.0, 35.0),
     "dead_time_error": (-100e-6, 100e-6),
 }
-"""Ranges, in SI units and degC, of what is uniform: tau, thus Q, and gain over the model's; the
-neighbouring mode is as often below as above. [A], as those of the fingers."""
+"""Ranges of uniformly distributed parameters of plates, in SI units and degC. tau (and so Q) and
+gain are relative to the model; the neighbouring mode is as often below as above. [A], as for
+fingers."""
 LIFT_PERIOD, LIFT_LENGTH, LIFT_RAMP = 1.0, 0.1, 0.01
-"""A finger that lifts does so each second, for 100 ms with a ramp of 10 ms at both ends."""
+"""Period, length and ramps at both ends, in s, with which a finger lifts."""
 _FINGER_STREAM: Final = 0x46
 _PLATE_STREAM: Final = 0x50
 F0: Final = 43390.0
@@ -189,7 +190,7 @@ def draw_finger(seed: int, number: int, case: Case) -> Finger:
 
 
 def draw_plate(seed: int, number: int, plates: str) -> Plate:
-    """Draw the plate under a finger; the fingers do not depend on it.
+    """Draw the plate under a finger, independently of the fingers.
 
     Parameters
     ----------
@@ -197,8 +198,8 @@ def draw_plate(seed: int, number: int, plates: str) -> Plate:
         As for `draw_finger`.
     plates
         One of `PLATES`. The laws assume a dead time longer by half of the pick-up's window, with an
-        error if the plate is varied. Of one that is identified they also know gain, tau and
-        softening, otherwise those of the model.
+        error for a varied plate. They know gain, tau and softening of an identified plate, and
+        otherwise those of the model.
     """
     if plates == "model":
         return MODEL_PLATE
@@ -223,7 +224,7 @@ def draw_plate(seed: int, number: int, plates: str) -> Plate:
 
 
 def stroke_of(finger: Finger, case: Case) -> Stroke:
-    """Return how a finger moves, apart from lifting."""
+    """Return the stroke of a finger, without lifting."""
     return Stroke(
         finger.force,
         finger.speed,

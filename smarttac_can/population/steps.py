@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 BEFORE_MS, AFTER_MS = 20, 80
 """Window around a switch of the reference."""
 TIME_MS: Final = np.arange(-BEFORE_MS, AFTER_MS + 1, dtype=np.float64)
-"""Its ticks, in ms after the switch."""
+"""Ticks of the window, in ms after the switch."""
 SETTLED_MS = 40
 """Time in ms after the switch from which a curve counts as static."""
 _RISING, _RISEN = 0.1, 0.9
@@ -94,16 +94,16 @@ def static_error_percent(step: Step) -> float:
 
 
 def single_steps(curves: Floats, asked: float, without: float) -> Floats:
-    """Return rise time in ms and overshoot in % of many steps at once, a row each, as of a `Step`.
+    """Return rise time in ms and overshoot in % of many steps, a row each, as for a `Step`.
 
     Parameters
     ----------
     curves
-        mu at `TIME_MS` around each up-step, a row each.
+        Curves of mu at `TIME_MS` around each up-step, a row each.
     asked
         Step of the reference.
     without
-        Overshoot in % of what is no step; its rise time is infinite.
+        Overshoot in % for a curve without a step; its rise time is infinite.
     """
     start = curves[:, : BEFORE_MS + 1].mean(axis=1)
     step = curves[:, BEFORE_MS + SETTLED_MS :].mean(axis=1) - start
@@ -120,7 +120,7 @@ def single_steps(curves: Floats, asked: float, without: float) -> Floats:
 
 
 def _passage(share: Floats, after: NDArray[np.intp], level: float) -> Floats:
-    """Return the time in ms at which each row passes a level between a sample and the next."""
+    """Return the time in ms at which each row passes a level, from sample `after` to the next."""
     rows = np.arange(len(share))
     begin, end = share[rows, after], share[rows, np.minimum(after + 1, len(TIME_MS) - 1)]
     return TIME_MS[after] + (level - begin) / np.where(end > begin, end - begin, 1.0)

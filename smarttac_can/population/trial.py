@@ -175,11 +175,11 @@ Flags = NDArray[np.bool_]
 LEARNING: Final = 4
 """Number of switches of the reference at first that are not judged, so that a law may learn."""
 NO_STEP: Final = 100.0
-"""Overshoot in % that a finger without a step counts as."""
+"""Overshoot in % of a finger without a step."""
 TOUCHES: Final = 6
-"""Up-steps of a finger that are kept singly: all of them, if it does not lift."""
+"""Up-steps of a finger whose figures are stored singly: all of them, if it does not lift."""
 TOUCH_FIGURES: Final = ("rise_time_ms", "overshoot_percent")
-"""What is kept of a single touch; infinite and `NO_STEP` without a step."""
+"""Figures stored for a single touch; infinite and `NO_STEP` without a step."""
 
 
 class Figures(NamedTuple):
@@ -212,7 +212,7 @@ class Outcome(NamedTuple):
     true: Figures
     measured: Figures
     touches: Floats
-    """`TOUCH_FIGURES` of the true COF, a row for each of `TOUCHES`; NaN where there was none."""
+    """`TOUCH_FIGURES` of the true COF, a row for each of `TOUCHES`; NaN for a missing touch."""
 
 
 def outcome(run: Traces, mu_left: float, mu_right: float) -> Outcome:
@@ -270,9 +270,9 @@ def _chatter(mu: Floats, settled: Flags) -> float:
 
 
 Runner = tuple[Callable[..., Any], Callable[[Any], Any]]
-"""`run`, and what makes its tables."""
+"""`run`, and the function that makes its tables."""
 AMPLITUDE: Final = 1e-6
-"""Nominal amplitude in m, held out of contact."""
+"""Nominal amplitude in m, which is held without contact."""
 PASSES: Final = 16
 """Passes of a finger; six up-steps are after the fourth switch."""
 _DEAD_TIME_MAX: Final = 999e-6
@@ -320,7 +320,7 @@ class Campaign:
 
 
 def parameters_of(campaign: Campaign, plate: Plate) -> CascadeParameters:
-    """Return the parameters of the controllers at a plate, with the dead time that they assume."""
+    """Return the parameters of the controllers for a plate, with their assumed dead time."""
     if not plate.excess:
         return campaign.parameters
     assumed = min(max(campaign.dead_time + plate.excess, 0.0), _DEAD_TIME_MAX)
@@ -328,7 +328,7 @@ def parameters_of(campaign: Campaign, plate: Plate) -> CascadeParameters:
 
 
 def plate_of(case: Case, plate: Plate = MODEL_PLATE) -> PlateParameters:
-    """Return a plate in a case."""
+    """Return the parameters of a plate in a case."""
     p = PlateParameters(plate.resonator)
     sensors = replace(
         p.sensors,
@@ -349,9 +349,9 @@ def traces_of(campaign: Campaign, finger: Finger, under: Plate = MODEL_PLATE) ->
     campaign
         Parameters that all fingers share.
     finger
-        The finger.
+        Finger to run.
     under
-        The plate under it.
+        Plate under the finger.
     """
     case = CASES[campaign.case]
     plate = plate_of(case, under)
@@ -400,7 +400,7 @@ def _steady(ticks: int, path: Path, passes: list[Pass], lifts: bool) -> Flags:
 
 
 def outcome_of(campaign: Campaign, number: int) -> tuple[Outcome, float]:
-    """Return what came out of a finger of a campaign, by its number, and how long it ran in s."""
+    """Return the result of a finger of a campaign by its number, and its simulated time in s."""
     finger = draw_finger(campaign.seed, number, CASES[campaign.case])
     run_ = traces_of(campaign, finger, draw_plate(campaign.seed, number, campaign.plates))
     return outcome(run_, finger.mu_left, finger.mu_right), len(run_.mu) * TICK
@@ -408,7 +408,7 @@ def outcome_of(campaign: Campaign, number: int) -> tuple[Outcome, float]:
 
 @cache
 def fastest() -> Runner:
-    """Return the loop, compiled if it can be, and what makes its tables."""
+    """Return the loop, compiled if possible, and the function that makes its tables."""
     if can_compile():
         return compiled(run), lambda rows: np.asarray(rows, dtype=np.float64)
     return plain()
@@ -423,7 +423,7 @@ def plain() -> Runner:
 def _plan_of(
     parameters: CascadeParameters, model: PlateModel, table: Callable[[Any], Any]
 ) -> ControlPlan:
-    """Return what a stimulator regulates by, with tables as the loop reads them best."""
+    """Return the plan of the controllers, with tables in the form that the loop reads fastest."""
     plan = control_plan(parameters, model)
     rows, none = table(plan.rows), table([])
     return plan._replace(rows=rows, texture=plan.texture._replace(values=none))

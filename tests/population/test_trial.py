@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 
+from smarttac_can.population.fingers import CASES, MODEL_PLATE, draw_plate
 from smarttac_can.population.steps import (
     TIME_MS,
     Step,
@@ -11,7 +12,15 @@ from smarttac_can.population.steps import (
     rise_time,
     single_steps,
 )
-from smarttac_can.population.trial import NO_STEP, TOUCHES, Traces, outcome
+from smarttac_can.population.trial import (
+    NO_STEP,
+    TOUCHES,
+    Campaign,
+    Traces,
+    outcome,
+    parameters_of,
+    plate_of,
+)
 
 LOW, HIGH = 0.3, 0.4
 PASS = 300
@@ -142,3 +151,20 @@ def test_many_steps_at_once_are_judged_as_each_alone():
             alone.append((math.inf, NO_STEP))
     assert single_steps(curves, HIGH - LOW, NO_STEP) == pytest.approx(np.array(alone), abs=1e-9)
     assert 30 < np.isinf(np.array(alone)[:, 0]).sum() < 270
+
+
+@pytest.mark.parametrize(
+    ("excess", "assumed"), [(0.0, 540), (150e-6, 690), (-150e-6, 390), (500e-6, 999), (-1e-3, 0)]
+)
+def test_the_laws_assume_the_dead_time_of_the_plate(excess, assumed):
+    plate = MODEL_PLATE._replace(excess=excess)
+    parameters = parameters_of(Campaign(dead_time=540e-6), plate)
+    assert parameters.dead_time * 1e6 == pytest.approx(assumed)
+
+
+def test_a_plate_that_is_drawn_takes_part_in_every_case():
+    drawn = draw_plate(3, 1, "varied")
+    plate = plate_of(CASES["path-slower"], drawn)
+    assert plate.resonator == drawn.resonator
+    assert plate.sensors.pickup_window == drawn.window > 0.0
+    assert plate.sensors.path_frequency == 0.7 * plate_of(CASES["nominal"]).sensors.path_frequency
