@@ -58,6 +58,15 @@ def test_the_results() -> None:
     assert process.returncode == 0 or complaints.splitlines()[-1].startswith("Error: the ")
 
 
+def test_a_panel_runs_beside() -> None:
+    with running("--seconds", "4", "--panel", "--json") as process:
+        said, complaints = process.communicate()
+    results = json.loads(said)
+    assert results["cpu_share"]["panel"] > 0
+    assert 0 < results["updates_per_s"] <= 10.5
+    assert process.returncode == 0 or complaints.splitlines()[-1].startswith("Error: the ")
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_all_of_it(number: int) -> None:
     with running("--seconds", "3600", "--hogs", "1") as process:

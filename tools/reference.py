@@ -262,10 +262,11 @@ def safety() -> Pages:
             row.why,
             row.forgets,
             row.limit,
+            row.remedy,
         )
         for watchdog, row in WATCHDOGS.items()
     )
-    head = "Bit|Fault|Looks at|EMCY|Error register|Bound|Why|Forgets|Limit"
+    head = "Bit|Fault|Looks at|EMCY|Error register|Bound|Why|Forgets|Limit|What to do"
     return renewed(
         REFERENCE / "safety.md",
         {

@@ -434,6 +434,7 @@ def panel(
         stack.enter_context(instrument)
         with suppress(KeyboardInterrupt):
             asyncio.run(serve(Panel(instrument, token, host), host, port, listening))
+            raise click.ClickException("the panel has failed, and leaves the plate at 0 V")
 
 
 @click.command(

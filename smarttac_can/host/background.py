@@ -33,6 +33,11 @@ class Background:
         self._end = end
         self._patience = patience
 
+    @property
+    def alive(self) -> bool:
+        """Whether the work goes on; it does not if it has raised."""
+        return self._thread.is_alive()
+
     def __enter__(self) -> Self:
         self._thread.start()
         return self

@@ -39,7 +39,6 @@ _MOST_CYCLES: Final = 100
 """What a simulation makes up for at once; a machine that is slower lets its time pass slower."""
 _MOST_WAITING: Final = 4
 """Most lines in the queue: a user may enter a value and click before it is written."""
-_PLANE: Final = ("Vibration.W_d", "Vibration.W_q")
 _FAULTS: Final[Mapping[str, tuple[FaultKind, int, int]]] = {
     "a gauge is stuck": (FaultKind.STUCK, 3, 0),
     "a gauge is dead": (FaultKind.DEAD, 4, 0),
@@ -107,8 +106,6 @@ class Seen(NamedTuple):
     at: float
     """In s of `time.monotonic`."""
     view: View
-    plane: tuple[float, float] | None = None
-    """W_d and W_q in um peak-to-peak, where they are known."""
 
 
 class Instrument(Background, ABC):
@@ -127,6 +124,8 @@ class Instrument(Background, ABC):
 
     Attributes
     ----------
+    textures
+        What each of its textures is, where that is known.
     lease
         Who may command it.
     seen
@@ -136,6 +135,7 @@ class Instrument(Background, ABC):
     """
 
     simulated = False
+    textures: tuple[str, ...] = ()
 
     def __init__(self, where: str, od: ObjectDictionary, *, drives: bool, pause: float) -> None:
         super().__init__("instrument", self._go, self._call_off, _END_S)
@@ -219,6 +219,7 @@ class SimulatedBench(Instrument):
     """
 
     simulated = True
+    textures = tuple(f"{shape}, {period:g} mm" for period, _, _, shape in _TEXTURES)
 
     def __init__(self) -> None:
         link, od, self._finger = open_guided_link()
@@ -262,9 +263,7 @@ class SimulatedBench(Instrument):
     def _look(self, now: float) -> Seen:
         read = self._link.read
         seen = {name: read(name) for name in (*PUBLISHED, "Statusword", "Mode display")}
-        view = view_of(self.od, seen, {name: read(name) for name in READ})
-        d, q = (read(name) * self.od[name].unit.in_unit("um") for name in _PLANE)
-        return Seen(now, view, (d, q))
+        return Seen(now, view_of(self.od, seen, {name: read(name) for name in READ}))
 
     def _obey(self, text: str) -> str:
         name, *arguments = text.split() or [""]

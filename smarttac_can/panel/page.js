@@ -4,6 +4,7 @@
 
 const $ = id => document.getElementById(id);
 const HALF_MM = 38, WINDOW_S = 60, KEPT_S = 600;
+const GAP_S = .5;                        // without an update is a gap of the charts
 const token = location.hash.slice(1);
 const CHARTS = [
   ["COF", "", [["Contact.COF", "#1565c0"], ["Contact.COF reference", "#e07b00"]]],
@@ -12,11 +13,15 @@ const CHARTS = [
   ["frequency", "Hz", [["Vibration.Frequency", "#1565c0"]]],
   ["force", "N", [["Contact.Normal force", "#1565c0"], ["Contact.Tangential force", "#2e7d32"]]],
 ];
-const COLUMNS = CHARTS.flatMap(([, unit, lines]) => lines.map(([name]) => [name, unit]));
+const COLUMNS = CHARTS.flatMap(([, unit, lines]) => lines.map(([name]) => [name, unit]))
+  .concat([["Contact.Position", "mm"]]);
+const LEFT = 52, RIGHT = 8;              // of a chart, beside its curves
+const CLOSED = [1008, 1013];             // with a reason: no page that comes again by itself
 
 let socket, about, update = null;
 let samples = [];                        // {t, values}
-let span = WINDOW_S, pausedAt = null, cursor = null;
+let span = WINDOW_S, end = null;         // of the charts in s; the newest sample if null
+let pausedAt = null, cursor = null;      // the cursor as a share of the width
 let finger = null, sentFinger = "";      // {x, force} while the mouse is on the plate
 
 const send = message => socket.readyState === 1 && socket.send(JSON.stringify(message));
@@ -32,13 +37,21 @@ function connect() {
     show(message);
     send({do: "seen", n: message.n});
   };
-  socket.onclose = () => {
+  socket.onclose = event => {
+    const closed = CLOSED.includes(event.code);
     update = null;
     $("state").textContent = "no connection";
     $("state").className = "badge fault";
-    $("driving").disabled = true;
-    setTimeout(connect, 1000);
+    $("driving").disabled = $("drive").disabled = true;
+    alarm(closed ? `The panel has closed this page: ${event.reason}. Open the address that smarttac panel printed.` :
+      "No connection. Does smarttac panel still run?");
+    if (!closed) setTimeout(connect, 1000);
   };
+}
+
+function alarm(words) {
+  $("alarm").textContent = words;
+  $("alarm").hidden = !words;
 }
 
 function introduce(message) {
@@ -46,11 +59,14 @@ function introduce(message) {
   $("where").textContent = about.where;
   $("stop").hidden = $("drive").hidden = !about.drives || !token;
   $("simulation").hidden = !about.simulated;
-  $("hint").textContent = about.simulated ?
-    "Press on the plate and stroke it: the mouse is the finger." : "";
   fill("modes", about.modes.map(mode =>
     button(mode, () => line(`mode ${mode.replaceAll(" ", "_")}`))));
-  fill("law", ["", ...about.laws].map(law => new Option(law.replaceAll("_", " "), law)));
+  for (const [id, laws] of [["law", about.laws], ["vibration", about.vibration_laws]])
+    fill(id, ["", ...laws].map(law => new Option(law.replaceAll("_", " "), law)));
+  fill("slot", ["", 1, 2, 3, 4].map(slot => {
+    const texture = about.textures[slot - 1] ?? (slot && about.simulated ? "empty" : "");
+    return new Option(texture ? `${slot}: ${texture}` : slot, slot);
+  }));
   fill("subject", [1, 2, 3, 4, 5, 6, 7, 8, 9].map(number => new Option(number, number)));
   fill("faults", about.faults.map(fault => button(fault, () => line(`break ${fault}`))));
   fill("set_points", about.set_points.map(setPoint));
@@ -67,6 +83,10 @@ function button(text, act) {
 
 const setPointOf = name => $(`set ${name}`);
 
+function showUnlessFocused(input, value) {
+  if (document.activeElement !== input) input.value = value;
+}
+
 function setPoint({name, unit, low, high, step}) {
   const label = document.createElement("label"), input = document.createElement("input");
   Object.assign(input, {type: "number", id: `set ${name}`, min: low, max: high, step});
@@ -75,7 +95,7 @@ function setPoint({name, unit, low, high, step}) {
     if (input.value) line(before + input.value + (name === "cof left" ? " -" : ""));
     input.blur();  // it shows again what is set
   };
-  const [caption, limits] = [name, `${unit} (${low} to ${high})`].map(text => {
+  const [caption, limits] = [name.replace("cof", "COF"), `${unit} (${low} to ${high})`].map(text => {
     const made = document.createElement("span");
     made.textContent = text;
     return made;
@@ -96,28 +116,38 @@ function show(now) {
   $("mode").textContent = now.mode ? `mode ${now.mode}` : "";
   $("flags").textContent = (now.flags || []).join(", ");
   $("answer").textContent = now.answer;
-  $("drive").disabled = now.drives;
-  $("drive").textContent = now.drives ? "You drive" : "Drive";
+  $("drive").disabled = false;
+  $("drive").textContent = now.drives ? "Release" : "Drive";
+  $("drive").title = now.drives ? "You drive. Release it, at 0 V, for another page" : "Take the stimulator, if no other page drives";
   $("driving").disabled = !now.drives;
   for (const made of $("modes").children)
     made.className = made.textContent === now.mode ? "on" : "";
-  const alarms = (now.latched || []).map(text =>
-    `FAULT: ${text}. It is at 0 V. Remove the cause${about.simulated ? " (Mend)" : ""}, ` +
-    "then Reset fault.");
-  $("alarm").textContent = [...alarms, ...(now.notes || [])].join("\n");
-  $("alarm").hidden = !$("alarm").textContent;
-  for (const {name, object} of about.set_points) {
-    const input = setPointOf(name), value = values[object];
-    if (document.activeElement !== input && value !== undefined) input.value = +value.toFixed(4);
-  }
+  const faults = (now.faults || []).map(([text, remedy]) =>
+    `FAULT: ${text}. The plate is at 0 V.\nTo do: ${remedy}${about.simulated ? "; here, click Mend" : ""}. ` +
+    "Then click Reset fault, and a mode.");
+  alarm([...faults, ...(now.notes || [])].join("\n"));
+  for (const {name, object} of about.set_points)
+    if (values[object] !== undefined) showUnlessFocused(setPointOf(name), +values[object].toFixed(4));
+  for (const [id, object, laws] of [["law", "Friction law", about.laws],
+    ["vibration", "Controller.Vibration law", about.vibration_laws]])
+    showUnlessFocused($(id), laws[values[object]] ?? "");
+  showUnlessFocused($("slot"), values["Texture.Slot"] ?? "");
+  const rate = now.cycle_rate ?? cyclesPerSecond();
   $("counts").textContent = Object.entries(values).filter(([name]) => name.startsWith("Cycle."))
-    .map(([name, count]) => `${name.slice(6).padEnd(22)}${count}`).join("\n") +
+    .map(([name, count]) => name.slice(6).padEnd(22) + count +
+      (name === "Cycle.Cycles" && rate ? ` (${rate.toFixed(0)}/s)` : "")).join("\n") +
+    `\nplate                 ${shown(values["Plate temperature"], 1)} degC` +
     (now.bus_load == null ? "\nno bus" :
       `\nbus load ${(100 * now.bus_load).toFixed(1)} %, ${now.frame_rate.toFixed(0)} frames/s`) +
     (now.peers || []).map(([name, id, nmt]) => `\n${name} ${id}: ${nmt || "not heard"}`).join("");
   $("emergencies").textContent = (now.emergencies || [])
     .map(([ago, node, text]) => `${ago} s ago, node ${node}: ${text}`).join("\n") || "none";
   draw();
+}
+
+function cyclesPerSecond() {
+  const last = samples.at(-1), before = samples.at(-11);
+  return before && (last.values["Cycle.Cycles"] - before.values["Cycle.Cycles"]) / (last.t - before.t);
 }
 
 // Pictures
@@ -136,6 +166,7 @@ function canvas(element) {
   return [pen, width, height];
 }
 
+// Points of [x, y]; a y of null lifts the pen.
 function stroke(pen, color, points) {
   pen.strokeStyle = color;
   pen.beginPath();
@@ -187,6 +218,8 @@ function drawPlate() {
   for (const {values: {"Contact.Position": x, "Contact.COF": cof}} of recent)
     if (x !== undefined && cof !== undefined) pen.fillRect(at(x) - 2, cofY(cof) - 2, 4, 4);
   const touching = values["Contact.Position"], mm = touching ?? finger?.x;
+  if (touching === undefined && about?.simulated)
+    text(pen, "#4d5b69", "Press on the plate and stroke it: the mouse is the finger.", width / 2, 20, "center");
   if (mm === undefined) return;
   const x = at(mm), y = touching === undefined ? top - 25 : top;
   pen.fillStyle = "#e8b89a";
@@ -202,7 +235,7 @@ function drawPlate() {
 
 function drawPlane() {
   const [pen, width, height] = canvas($("plane"));
-  const [cx, cy, radius] = [width / 2, height / 2, height / 2 - 14];
+  const [cx, cy, radius] = [width / 2, height / 2 + 6, height / 2 - 24];
   const values = update?.values || {};
   const amplitude = values["Vibration.Amplitude"] ?? 0, most = Math.max(1, Math.ceil(amplitude));
   for (const share of [.5, 1]) {
@@ -211,18 +244,32 @@ function drawPlane() {
     pen.arc(cx, cy, radius * share, 0, 2 * Math.PI);
     pen.stroke();
   }
-  text(pen, "#7a8793", `d, ${most} um`, cx + radius + 4, cy + 4);
-  text(pen, "#7a8793", "q", cx, 12, "center");
-  if (update?.plane)
-    arrow(pen, "#1565c0", cx, cy, update.plane[0] / most * radius, -update.plane[1] / most * radius);
-  else text(pen, "#7a8793", "no TPDO carries W on a bus", 8, height - 8);
-  text(pen, "#1565c0", `${shown(amplitude)} um`, 8, 18);
+  text(pen, "#7a8793", "d", cx + radius + 5, cy + 4);
+  text(pen, "#7a8793", `ring: ${most} um`, width - 6, height - 8, "right");
+  text(pen, "#7a8793", "q", cx, 18, "center");
+  const [d, q] = ["d", "q"].map(axis => (values[`Vibration.W_${axis}`] ?? 0) / most * radius);
+  arrow(pen, "#1565c0", cx, cy, d, -q);
+  text(pen, "#4d5b69", "vibration W", 8, 18);
+  text(pen, "#1565c0", `${shown(amplitude)} um`, 8, 34);
+  if (about && !about.simulated) text(pen, "#7a8793", "read once a second", 8, height - 8);
 }
 
-const windowNow = () => {
-  const end = pausedAt ?? samples.at(-1)?.t ?? 0;
-  return [end - span, end];
-};
+const newest = () => pausedAt ?? samples.at(-1)?.t ?? 0;
+const windowNow = () => [(end ?? newest()) - span, end ?? newest()];
+
+function zoom(share, factor) {
+  const [begin, last] = windowNow(), t = begin + share * (last - begin);
+  const longer = Math.max(1, Math.min(WINDOW_S, span * factor));
+  // What moves keeps its newest end; what is held, what is under the cursor.
+  if (pausedAt !== null) end = Math.min(pausedAt, t + (last - t) * longer / span);
+  span = longer;
+}
+
+// A step of 1, 2 or 5 by powers of ten that is at least a value.
+function step(least) {
+  const power = 10 ** Math.floor(Math.log10(least));
+  return [1, 2, 5, 10].find(times => times * power >= least * .9999) * power;
+}
 const visible = () => {
   const [begin, end] = windowNow();
   return samples.filter(({t}) => t >= begin && t <= end);
@@ -230,27 +277,31 @@ const visible = () => {
 
 function drawChart(element, [title, unit, lines], rows, [begin, end]) {
   const [pen, width, height] = canvas(element);
-  const [left, right, top, base] = [64, width - 8, 18, height - 16];
+  const [left, right, top, base] = [LEFT, width - RIGHT, 18, height - 16];
   const all = rows.flatMap(({values}) => lines.map(([name]) => values[name])).filter(Number.isFinite);
   let [low, high] = [Math.min(...all), Math.max(...all)];
   if (!all.length) [low, high] = [0, 1];
   const least = title === "frequency" ? 10 : unit === "V" ? 1 : .05;
   if (high - low < least) { const middle = (low + high) / 2; low = middle - least / 2; high = middle + least / 2; }
+  const tick = step((high - low) / 2), digits = Math.max(0, -Math.floor(Math.log10(tick) + 1e-9));
+  [low, high] = [Math.floor(low / tick + 1e-9) * tick, Math.ceil(high / tick - 1e-9) * tick];
   const x = t => left + (t - begin) / (end - begin) * (right - left);
   const y = value => base - (value - low) / (high - low) * (base - top);
-  for (const share of [0, .5, 1]) {
-    const value = low + share * (high - low);
+  for (let count = Math.round(low / tick); count <= Math.round(high / tick); count++) {
+    const value = count * tick;
     stroke(pen, "#e6eaee", [[left, y(value)], [right, y(value)]]);
-    text(pen, "#7a8793", value.toFixed(title === "frequency" ? 1 : 3), left - 4, y(value) + 4, "right");
+    text(pen, "#7a8793", value.toFixed(digits), left - 4, y(value) + 4, "right");
   }
-  for (const share of [0, .25, .5, .75, 1])
-    text(pen, "#7a8793", `${(-(1 - share) * span).toFixed(span < 10 ? 1 : 0)} s`,
-      left + share * (right - left), height - 3, share === 1 ? "right" : "center");
+  for (const [share, align] of [[0, "left"], [.25, "center"], [.5, "center"], [.75, "center"], [1, "right"]])
+    text(pen, "#7a8793", `${(end - (1 - share) * span - newest()).toFixed(span < 10 ? 1 : 0)} s`,
+      left + share * (right - left), height - 3, align);
   let place = left;
   text(pen, "#1c2733", unit ? `${title} (${unit})` : title, place, 13);
   place += 110;
   for (const [name, color] of lines) {
-    stroke(pen, color, rows.map(({t, values}) => [x(t), values[name] === undefined ? null : y(values[name])]));
+    stroke(pen, color, rows.flatMap(({t, values: {[name]: value}}, number) => [
+      ...(t - rows[number - 1]?.t > GAP_S ? [[x(t), null]] : []),
+      [x(t), value === undefined ? null : y(value)]]));
     const words = name.replace("Contact.", "").replace("Vibration.", "").replace("Setpoint.", "set ");
     text(pen, color, words, place, 13);
     place += 130;
@@ -267,6 +318,8 @@ function draw() {
   drawPlate();
   drawPlane();
   const rows = visible(), ends = windowNow();
+  $("cursor").textContent = cursor === null ? "" :
+    `cursor at ${(ends[1] - (1 - cursor) * span - newest()).toFixed(1)} s`;
   CHARTS.forEach((chart, number) => drawChart($("charts").children[number], chart, rows, ends));
 }
 
@@ -277,11 +330,16 @@ function save(name, url) {
 }
 
 function savePng() {
-  const parts = [$("plate"), ...$("charts").children], whole = document.createElement("canvas");
-  whole.width = Math.max(...parts.map(part => part.width));
-  whole.height = parts.reduce((sum, part) => sum + part.height, 0);
-  let top = 0;
-  for (const part of parts) { whole.getContext("2d").drawImage(part, 0, top); top += part.height; }
+  const charts = [...$("charts").children], whole = document.createElement("canvas");
+  const pen = whole.getContext("2d"), plate = $("plate"), plane = $("plane");
+  whole.width = charts[0].width;
+  whole.height = charts.reduce((sum, chart) => sum + chart.height, plate.height);
+  pen.fillStyle = "#fff";
+  pen.fillRect(0, 0, whole.width, whole.height);
+  pen.drawImage(plate, 0, 0);
+  pen.drawImage(plane, whole.width - plane.width, 0);
+  let top = plate.height;
+  for (const chart of charts) { pen.drawImage(chart, 0, top); top += chart.height; }
   save("panel.png", whole.toDataURL());
 }
 
@@ -313,12 +371,13 @@ function sendFinger() {
 function begin() {
   for (const _ of CHARTS) {
     const chart = document.createElement("canvas");
-    chart.dataset.height = 120;
-    chart.onmousemove = event => { cursor = (event.offsetX - 64) / (chart.clientWidth - 72); draw(); };
+    chart.dataset.height = 98;
+    const share = event => Math.max(0, Math.min(1, (event.offsetX - LEFT) / (chart.clientWidth - LEFT - RIGHT)));
+    chart.onmousemove = event => { cursor = share(event); draw(); };
     chart.onmouseleave = () => { cursor = null; draw(); };
     chart.onwheel = event => {
       event.preventDefault();
-      span = Math.max(1, Math.min(WINDOW_S, span * (event.deltaY > 0 ? 1.25 : .8)));
+      zoom(share(event), event.deltaY > 0 ? 1.25 : .8);
       draw();
     };
     $("charts").append(chart);
@@ -331,21 +390,25 @@ function begin() {
       event.preventDefault();
       if (kind === "keydown") stop();
     }, true);
-  $("drive").onclick = drive;
+  $("drive").onclick = () => update?.drives ? send({do: "release"}) : drive();
   $("pause").onclick = () => {
     pausedAt = pausedAt === null ? samples.at(-1)?.t ?? null : null;
+    end = null;
     $("pause").textContent = pausedAt === null ? "Pause" : "Go on";
     draw();
   };
-  $("whole").onclick = () => { span = WINDOW_S; draw(); };
+  $("whole").onclick = () => { span = WINDOW_S; end = null; draw(); };
   $("png").onclick = savePng;
   $("csv").onclick = () => save("panel.csv", `data:text/csv,${encodeURIComponent(csv())}`);
-  for (const name of ["law", "slot"])
-    $(name).onchange = () => $(name).value && line(`${name} ${$(name).value}`);
+  for (const name of ["law", "vibration", "slot"])
+    $(name).onchange = () => {
+      if ($(name).value) line(`${name} ${$(name).value}`);
+      $(name).blur();  // it shows again what is set
+    };
   $("reset").onclick = () => line("reset");
   $("mend").onclick = () => line("mend");
   $("hand").onclick = () => line("hand");
-  $("stroke").onclick = () => line(`stroke ${$("subject").value} ${$("force").value} ${$("speed").value}`);
+  $("stroke").onclick = () => line(`stroke ${$("subject").value} ${$("force").value} ${$("speed").value || 50}`);
   $("force").oninput = () => $("force_shown").textContent = `${$("force").value} N`;
   $("plate").onpointerdown = event => { $("plate").setPointerCapture(event.pointerId); point(event); };
   $("plate").onpointermove = point;

@@ -9,12 +9,15 @@ Who may do what:
 * Any page of this server looks on. A request whose Host is not this server's, or a WebSocket whose
   Origin is not, is refused: it comes from a page of somebody else.
 * A page with the token may stop the instrument, and drive it while no other page does.
+* A page that talks nonsense, or more than a person makes it, is closed. If too many are open, the
+  one that came first of those without the token is closed.
 """
 
 from __future__ import annotations
 
 import asyncio
 import json
+import logging
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import suppress
 from hmac import compare_digest
@@ -25,16 +28,21 @@ from time import monotonic
 from typing import Any, Final
 
 from aiohttp import ClientConnectionError, WSMsgType, web
+from aiohttp.http import HttpProcessingError
 
 from smarttac_can import __version__
 from smarttac_can.panel.instrument import FAULTS, Instrument
 from smarttac_can.vocabulary.meanings import spoken
-from smarttac_can.vocabulary.states import Law, Mode
+from smarttac_can.vocabulary.states import Law, Mode, VibrationLaw
 
 UPDATE_S: Final = 0.1
 _MOST_PAGES: Final = 8
 _MOST_BYTES: Final = 1000
 """Most bytes of a message from a page."""
+_MOST_MESSAGES: Final = 500
+"""Most messages of a page in a second: a mouse makes one a picture, 240 at most."""
+_TOO_MANY: Final = 1013
+"""Close code of a page that is not to connect again by itself (RFC 6455: try again later)."""
 _PING_S: Final = 10.0
 _SHUTDOWN_S: Final = 1.0
 _DIGITS: Final = 6
@@ -94,7 +102,12 @@ class Panel:
             place: ((folder / name).read_text("utf-8"), kind)
             for place, (name, kind) in _FILES.items()
         }
-        self._pages: set[web.WebSocketResponse] = set()
+        self._pages: dict[web.WebSocketResponse, _Page] = {}
+
+    @property
+    def alive(self) -> bool:
+        """Whether its instrument goes on."""
+        return self._instrument.alive
 
     def app(self) -> web.Application:
         """Return the aiohttp application of the panel."""
@@ -123,12 +136,15 @@ class Panel:
         if origin != f"http://{request.headers['Host']}":
             raise web.HTTPForbidden(text=f"Origin {origin!r} is not this panel's\n")
         if len(self._pages) >= _MOST_PAGES:
-            raise web.HTTPServiceUnavailable(text=f"{_MOST_PAGES} pages are open already\n")
+            self._make_room()
         socket = web.WebSocketResponse(
-            heartbeat=_PING_S, max_msg_size=_MOST_BYTES, compress=False, timeout=_SHUTDOWN_S
+            heartbeat=_PING_S,
+            max_msg_size=_MOST_BYTES,
+            compress=False,
+            timeout=_SHUTDOWN_S,
+            autoping=False,  # a flood of pings is a flood
         )
-        self._pages.add(socket)
-        page = _Page()
+        page = self._pages[socket] = _Page()
         try:
             await socket.prepare(request)
             await socket.send_str(json.dumps(self._introduction()))
@@ -142,15 +158,33 @@ class Panel:
                 with suppress(asyncio.CancelledError):
                     await sender
         finally:
-            self._pages.discard(socket)
+            self._pages.pop(socket, None)
         return socket
 
-    async def _hear(self, socket: web.WebSocketResponse, page: _Page) -> None:
-        async for message in socket:
-            if message.type is not WSMsgType.TEXT:
+    def _make_room(self) -> None:
+        """Give up the page that came first of those without the token; its sender closes it."""
+        for socket, page in self._pages.items():
+            if not page.trusted:
+                del self._pages[socket]
                 return
+        raise web.HTTPServiceUnavailable(text=f"{_MOST_PAGES} pages are open already\n")
+
+    async def _hear(self, socket: web.WebSocketResponse, page: _Page) -> None:
+        begun, count = monotonic(), 0
+        async for message in socket:
+            if message.type not in (WSMsgType.TEXT, WSMsgType.PING, WSMsgType.PONG):
+                return
+            now = monotonic()
+            if now - begun > 1.0:
+                begun, count = now, 0
+            count += 1
             try:
-                self._do(page, _asked(message.data))
+                if count > _MOST_MESSAGES:
+                    raise ValueError(f"more than {_MOST_MESSAGES} messages a second")
+                if message.type is WSMsgType.TEXT:
+                    self._do(page, _asked(message.data))
+                elif message.type is WSMsgType.PING:
+                    await socket.pong(message.data)
             except (ValueError, KeyError, RecursionError) as error:
                 text = f"not understood: {error}".encode()[:100]
                 await socket.close(code=1008, message=text)
@@ -176,7 +210,8 @@ class Panel:
             if page.trusted:
                 instrument.stop()
         elif do == "line":
-            instrument.command(page, str(asked["text"]))
+            if page.trusted:
+                instrument.command(page, str(asked["text"]))
         elif do == "finger":
             instrument.guide(page, _number(asked["x"]), _number(asked["force"]))
         else:
@@ -185,11 +220,12 @@ class Panel:
     async def _send(self, socket: web.WebSocketResponse, page: _Page) -> None:
         """Send an update each `UPDATE_S`, unless the one before is not shown yet."""
         with suppress(ClientConnectionError):
-            while not socket.closed:
+            while socket in self._pages and not socket.closed:
                 if page.seen == page.sent:
                     page.sent += 1
                     await socket.send_str(json.dumps(self._update(page)))
                 await asyncio.sleep(UPDATE_S)
+            await socket.close(code=_TOO_MANY, message=b"too many pages")
 
     def _introduction(self) -> dict[str, Any]:
         """Return the first message, with everything that does not change."""
@@ -219,6 +255,8 @@ class Panel:
             "set_points": rows,
             "modes": [spoken(mode) for mode in Mode if mode is not Mode.OFF],
             "laws": [law.name.lower() for law in Law],
+            "vibration_laws": [law.name.lower() for law in VibrationLaw],
+            "textures": instrument.textures,
             "faults": FAULTS if instrument.simulated else (),
         }
 
@@ -239,10 +277,10 @@ class Panel:
                 "state": view.state,
                 "mode": view.mode,
                 "flags": view.flags,
-                "latched": view.latched,
+                "faults": list(zip(view.latched, view.remedies, strict=True)),
                 "notes": view.notes,
                 "values": {name: round(value, _DIGITS) for name, value in view.values.items()},
-                "plane": seen.plane,
+                "cycle_rate": view.cycle_rate and round(view.cycle_rate),
                 "peers": [(peer.name, peer.node_id, peer.nmt) for peer in view.peers],
                 "emergencies": [
                     (round(emergency.ago, 1), emergency.node_id, emergency.text)
@@ -259,7 +297,7 @@ class Panel:
 
 
 async def serve(panel: Panel, host: str, port: int, listening: Callable[[int], None]) -> None:
-    """Serve a panel until the task is cancelled.
+    """Serve a panel until the task is cancelled, or its instrument has failed.
 
     Parameters
     ----------
@@ -273,14 +311,24 @@ async def serve(panel: Panel, host: str, port: int, listening: Callable[[int], N
     OSError
         If it cannot listen there.
     """
-    runner = web.AppRunner(panel.app(), access_log=None, shutdown_timeout=_SHUTDOWN_S)
+    logger = logging.getLogger(__name__)
+    logger.addFilter(_is_defect)
+    runner = web.AppRunner(
+        panel.app(), access_log=None, logger=logger, shutdown_timeout=_SHUTDOWN_S
+    )
     await runner.setup()
     try:
         await web.TCPSite(runner, host, port).start()
         listening(runner.addresses[0][1])
-        await asyncio.Event().wait()
+        while panel.alive:
+            await asyncio.sleep(UPDATE_S)
     finally:
         await runner.cleanup()
+
+
+def _is_defect(record: logging.LogRecord) -> bool:
+    """Return whether to log an error: a request that is none is answered, and no more."""
+    return not (record.exc_info and isinstance(record.exc_info[1], HttpProcessingError))
 
 
 def _is_loopback(host: str) -> bool:
@@ -298,6 +346,7 @@ def _asked(data: str) -> Mapping[str, Any]:
 
 
 def _number(value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
-        raise ValueError(f"{value!r} is no number")
-    return float(value)
+    with suppress(OverflowError):
+        if isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value):
+            return float(value)
+    raise ValueError(f"{value!r} is no number")

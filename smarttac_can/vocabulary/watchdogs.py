@@ -134,6 +134,8 @@ class WatchdogRow(NamedTuple):
     way."""
     limit: str = ""
     """Object with the limit."""
+    remedy: str = ""
+    """Action of a user before the reset."""
     looks_at: str = ""
     """Supervised values, and the states or modes in which they are supervised, if not all."""
     counts: tuple[Count, ...] = ()
@@ -159,6 +161,7 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         "NMT left OPERATIONAL while running",
         FaultCode.NMT_LEFT, _COMMUNICATION, 1, _AT_ONCE,
         Way.ONCE,
+        remedy="let the master start the node again",
         looks_at="NMT while running",
         lasting=False,
     ),
@@ -169,6 +172,7 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         "was OPERATIONAL left it; the plate is watched with 2 s, two heartbeats, beside its PDOs",
         Way.TIME_OUT,
         limit="Consumer heartbeat time",
+        remedy="see whether the program that drives, and the plate node, run and are on the bus",
         looks_at="heartbeats and boot-ups of watched nodes, life guarding",
     ),
     Watchdog.MEASUREMENT: WatchdogRow(
@@ -179,6 +183,7 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         ". Unusable measurements have to be in a row: CAN may deliver a frame twice, and a doubled "
         "PDO looks like an incomplete measurement. Spread ones are ticks without a cycle, bit 24",
         _DEADLINE,
+        remedy="see whether the plate node runs, and whether the computer or the bus is too busy",
         looks_at="how long ago a measurement was answered, in OPERATIONAL; measurements that "
         "are incomplete, corrupt or of another tick",
     ),
@@ -188,6 +193,7 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         "what the master asks for; off by default",
         Way.TIME_OUT,
         limit="event timer of RPDO 1 to 4",
+        remedy="see whether the master that sends the set-points runs",
         looks_at="RPDO 1 to 4 with an event timer",
     ),
     Watchdog.SYNC_LOST: WatchdogRow(
@@ -196,6 +202,7 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         "without SYNC there are no measurements",
         Way.TIME_OUT,
         limit=_DEADLINE,
+        remedy="see whether the producer of SYNC runs",
         looks_at="SYNC of another node, from the first on",
     ),
     Watchdog.SYNC_IRREGULAR: WatchdogRow(
@@ -208,12 +215,14 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         Way.WINDOW,
         ": what the short one lets pass adds up in the long one, to 1.3 % at 3 ms",
         _DEADLINE,
+        remedy="see what delays the producer of SYNC, and that there is only one",
         looks_at="SYNC of another node against device time",
     ),
     Watchdog.SYNC_COUNTER: WatchdogRow(
         "the SYNC counter has jumped",
         FaultCode.SYNC_COUNTER, _COMMUNICATION, 1, _AT_ONCE,
         Way.ONCE,
+        remedy="see whether there is a second producer of SYNC, or frames get lost",
         looks_at="the counter in SYNC",
         lasting=False,
     ),
@@ -221,12 +230,14 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         "the CAN controller is bus-off",
         FaultCode.BUS_OFF, _COMMUNICATION, 1, _AT_ONCE,
         Way.ONCE,
+        remedy="check the cable, the termination and the bit rate",
         looks_at="the CAN controller",
     ),
     Watchdog.TRANSMIT_QUEUE: WatchdogRow(
         "the transmit queue is full",
         FaultCode.TRANSMIT_QUEUE, _COMMUNICATION, 1, _AT_ONCE,
         Way.ONCE,
+        remedy="see whether another node acknowledges, and whether the bus is full",
         looks_at="the transmit queue",
         lasting=False,
     ),
@@ -236,6 +247,7 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         "checked before the drive goes out",
         Way.ONCE,
         limit="Limit.Voltage",
+        remedy="lower the set-point, or raise the limit if the stage allows that",
         looks_at="the drive that the controllers ask for, and what the plate reports",
     ),
     Watchdog.AMPLITUDE: WatchdogRow(
@@ -244,6 +256,7 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         "a finger that lifts lets the amplitude overshoot for less than the 5 ms the loop takes",
         Way.SLOWLY,
         limit="Limit.Amplitude trip",
+        remedy="lower the set-point; if that is low, identify the plate again",
         looks_at="amplitude of the pick-up",
         counts=(Count("amplitude", Way.SLOWLY, AMPLITUDE_CYCLES),),
     ),
@@ -252,6 +265,7 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         FaultCode.TEMPERATURE, ErrorRegister.TEMPERATURE, 1, _ONE_SAMPLE,
         Way.ONCE,
         limit="Limit.Temperature",
+        remedy="let the plate cool down",
         looks_at="the thermometer, and what the plate reports",
     ),
     Watchdog.NORMAL_FORCE: WatchdogRow(
@@ -259,6 +273,7 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         FaultCode.NORMAL_FORCE, _MANUFACTURER, 1, _ONE_SAMPLE,
         Way.ONCE,
         limit="Limit.Normal force",
+        remedy="press less",
         looks_at="normal force, once tared",
     ),
     Watchdog.LATERAL_FORCE: WatchdogRow(
@@ -266,6 +281,7 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         FaultCode.LATERAL_FORCE, _MANUFACTURER, 1, _ONE_SAMPLE,
         Way.ONCE,
         limit="Limit.Lateral force",
+        remedy="press less, and stroke more slowly",
         looks_at="size of the lateral force, once tared",
     ),
     Watchdog.SATURATED: WatchdogRow(
@@ -273,6 +289,7 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         FaultCode.SENSOR_SATURATED, _MANUFACTURER, SATURATED_CYCLES,
         "a single sample may be a disturbance",
         Way.SLOWLY,
+        remedy="press less; without a finger, check the sensors and their cables",
         looks_at="the bits of sensors at their end",
         counts=(Count("saturated", Way.SLOWLY, SATURATED_CYCLES),),
     ),
@@ -285,6 +302,7 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         ": noise repeats single samples of a sound sensor, which would add up. One that "
         f"sticks for less shows samples at most {STUCK_GAUGE_CYCLES - 1} ms old, the thermometer "
         f"{STUCK_THERMOMETER_CYCLES - 1} ms",
+        remedy="check the sensors, their amplifiers and cables",
         looks_at="the counts of each sensor",
     ),
     Watchdog.GAUGES: WatchdogRow(
@@ -293,6 +311,7 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         "a finger that arrives or leaves may do so between two samples",
         Way.SLOWLY,
         limit="Limit.Gauge mismatch",
+        remedy="tare without a finger; if it comes again, check the four gauges",
         looks_at="S3 to S6 against each other and the size of the plate, the lateral force "
         "against the normal one; once tared",
         counts=(Count("gauges", Way.SLOWLY, GAUGE_CYCLES),),
@@ -307,6 +326,7 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         ". None at all has to be in a row, as the end of each pulse under a finger may "
         "look like it",
         "Model",
+        remedy="check the pick-up and the power stage; identify the plate again",
         looks_at="amplitude of the pick-up against drive, model and normal force; what is lacking "
         "not in the modes off and identify",
         counts=(
@@ -323,6 +343,7 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         Way.SLOWLY,
         ". Cycles without a vibration do not count; a mode that does not track the "
         "resonance forgets all",
+        remedy="identify the plate again; if that fails, look for a crack",
         looks_at="phase of the pick-up, in the modes that track the resonance",
         counts=(Count("resonance", Way.SLOWLY, RESONANCE_CYCLES, modes=TRACKING_MODES),),
     ),
@@ -330,6 +351,7 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         "the controllers gave no finite drive",
         FaultCode.CONTROLLER, _MANUFACTURER, 1, "checked before the drive goes out",
         Way.ONCE,
+        remedy="check Model and Controller: one of their values makes no sense",
         looks_at="the drive that the controllers ask for, and whether they left their mode",
         lasting=False,
     ),
@@ -338,6 +360,7 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         FaultCode.CALIBRATION, _MANUFACTURER, 1, "the serial number comes with every sample",
         Way.ONCE,
         limit="Calibration.Plate serial number",
+        remedy="calibrate this plate, or write its calibration",
         looks_at="serial number of the plate against the calibration, and whether that tells "
         "both axes apart",
     ),
@@ -347,6 +370,7 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         "the plate says so, by 8253h, in the cycle after it did",
         Way.ONCE,
         limit="event timer of the plate's RPDO 1",
+        remedy="see whether the computer or the bus is too busy",
         looks_at="emergency messages of the plate",
         lasting=False,
     ),
@@ -361,6 +385,7 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         ": one less is what SYNCs that were not heard may leave in each. A "
         "measurement that a window lets pass is not answered",
         _DEADLINE,
+        remedy="give one of the two nodes another node-ID",
         looks_at="identifiers of this node, emergency messages of the plate, measurements a SYNC",
         shown=True,
     ),
@@ -371,6 +396,7 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         "force for longer; with a plate node as many more as its deadline is above 3 ms",
         Way.SLOWLY,
         limit="Limit.Amplitude by drive",
+        remedy="lower the set-point; see whether the computer or the bus is too busy",
         looks_at="drives, model, thermometer and normal force; nothing of the pick-up",
         counts=(Count("unseen", Way.SLOWLY, UNSEEN_CYCLES, waits=True),),
     ),
@@ -382,6 +408,7 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         Way.WINDOW,
         ": a second, of which the limit is a share",
         "Limit.Missed ticks",
+        remedy="see what else the computer does; real time helps",
         looks_at="cycles against device time, while running",
         lasting=False,
     ),
@@ -392,6 +419,7 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         "stage and a front end's, within 5 cycles where hardware reads the stage back",
         Way.SLOWLY,
         ", where hardware reads the stage back; elsewhere no count",
+        remedy="check the power stage and its supply",
         looks_at="emergency messages of the plate",
         lasting=False,
     ),
@@ -405,6 +433,7 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         ". Cycles of a front end without a "
         "measurement have to be in a row: spread ones are ticks without a cycle, bit 24",
         "event timer of the plate's RPDO 2",
+        remedy="check Enable, and that the hardware sends its PDOs",
         looks_at="emergency messages of the plate",
         lasting=False,
     ),

@@ -17,6 +17,7 @@ _USAGES: Final = {
     "cof": "cof C [C]",
     **_SET_POINTS,
     "law": "law NAME",
+    "vibration": "vibration NAME",
     "slot": "slot N",
     "reset": "reset",
 }
@@ -53,6 +54,8 @@ def obey(stimulator: Stimulator, text: str) -> str:
         stimulator.mode = arguments[0]
     elif name == "law" and len(arguments) == 1:
         stimulator.law = arguments[0]
+    elif name == "vibration" and len(arguments) == 1:
+        stimulator.vibration_law = arguments[0]
     elif name == "slot" and len(arguments) == 1 and arguments[0].isdecimal():
         stimulator.texture_slot = int(arguments[0])
     elif name == "reset" and not arguments:

@@ -52,6 +52,11 @@ READ: Final = {
     "Setpoint.COF left": "",
     "Setpoint.COF right": "",
     "Setpoint.Boundary": "mm",
+    "Friction law": "",
+    "Controller.Vibration law": "",
+    "Texture.Slot": "",
+    "Vibration.W_d": "um",
+    "Vibration.W_q": "um",
     "Cycle.Lost cycles": "",
     "Cycle.Missed deadlines": "",
     "Cycle.Foreign ticks": "",
@@ -302,6 +307,8 @@ class View(NamedTuple):
     """Cycles per second."""
     latched: tuple[str, ...]
     """Texts of the latched faults."""
+    remedies: tuple[str, ...]
+    """What to do about each of them."""
     emergencies: tuple[Emergency, ...]
     """Emergency messages, newest first."""
     history: tuple[tuple[float | None, float | None], ...]
@@ -334,6 +341,7 @@ def view_of(
     seen, read
         Raw values by name, of published objects and of objects read by SDO.
     """
+    latched = [WATCHDOGS[each] for each in watchdogs_in(read.get("Diagnosis.Latched", 0))]
     return View(
         peers=peers,
         notes=notes,
@@ -342,10 +350,8 @@ def view_of(
         flags=tuple(spoken(flag) for flag in Status if seen.get("Statusword", 0) & flag),
         values=_values(od, seen, PUBLISHED) | _values(od, read, READ),
         cycle_rate=cycle_rate,
-        latched=tuple(
-            WATCHDOGS[watchdog].text.partition(":")[0]
-            for watchdog in watchdogs_in(read.get("Diagnosis.Latched", 0))
-        ),
+        latched=tuple(row.text.partition(":")[0] for row in latched),
+        remedies=tuple(row.remedy for row in latched),
         emergencies=emergencies,
         history=history,
         bus_load=bus_load,

@@ -64,8 +64,9 @@ def leaves_nothing() -> None:
 class Tab:
     """A tab of a browser in which a panel is open."""
 
-    def __init__(self, driver: webdriver.Chrome) -> None:
+    def __init__(self, driver: webdriver.Chrome, downloads: Path) -> None:
         self.driver = driver
+        self.downloads = downloads
 
     def open(self, url: str) -> None:
         self.driver.get("about:blank")
@@ -121,6 +122,13 @@ class Tab:
             assert monotonic() < guard, (self.text("state"), self.text("answer"), self.values())
             sleep(0.02)
 
+    def saved(self, button: str) -> bytes:
+        """Return the file that a button saves, once it is whole."""
+        file = self.downloads / f"panel.{button.lower()}"
+        self.click(button)
+        self.until(file.exists)
+        return file.read_bytes()
+
     def picture(self, name: str) -> None:
         PICTURES.mkdir(parents=True, exist_ok=True)
         self.driver.save_screenshot(str(PICTURES / f"{name}.png"))
@@ -136,12 +144,14 @@ def chromium(folder: Path) -> Iterator[Tab]:
     options.binary_location = os.environ["CHROMIUM"]
     for flag in (*FLAGS, f"--user-data-dir={folder}"):
         options.add_argument(flag)
+    downloads = folder / "downloads"
+    options.add_experimental_option("prefs", {"download.default_directory": str(downloads)})
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
     libraries = os.environ.get("BROWSER_LIBRARIES")
     variables = {**os.environ, **({"LD_LIBRARY_PATH": libraries} if libraries else {})}
     driver = webdriver.Chrome(options, Service(os.environ["CHROMEDRIVER"], env=variables))
     try:
-        yield Tab(driver)
+        yield Tab(driver, downloads)
     finally:
         driver.quit()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import signal
+import struct
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -17,6 +18,7 @@ import pytest
 from conftest import GUARD_S, MEASURED, Tab, chromium, served
 from nodes_on_a_bus import NodeProcess
 from selenium.webdriver.common.by import By
+from selenium.webdriver.support.ui import Select
 
 from smarttac_can.bench.link import RECORDED, Row
 from smarttac_can.panel.instrument import SimulatedBench
@@ -95,12 +97,12 @@ def test_charts_move_pause_and_are_saved(browser: Tab) -> None:
             return pictures
 
         before = drawn()
-        assert len(before) == 7  # plate, five charts, the d-q plane
+        assert len(before) == 7  # plate, the d-q plane, five charts
         browser.until(lambda: all(a != b for a, b in zip(before, drawn(), strict=True)))
         browser.click("Pause")
         held = drawn()
         sleep(0.5)
-        assert drawn()[1:6] == held[1:6]
+        assert drawn()[2:] == held[2:]
         browser.click("Go on")
         lines = browser.driver.execute_script("return csv()").splitlines()
         assert lines[0].startswith(
@@ -109,8 +111,60 @@ def test_charts_move_pause_and_are_saved(browser: Tab) -> None:
         times = [float(line.partition(",")[0]) for line in lines[1:]]
         assert times[0] == 0.0
         assert all(a < b for a, b in pairwise(times))
-        zoom = "charts.firstChild.dispatchEvent(new WheelEvent('wheel', {deltaY: -1}));"
-        assert browser.driver.execute_script(f"{zoom} return span") == pytest.approx(48.0)
+        zoom = (
+            "const box = charts.firstChild.getBoundingClientRect();"
+            "charts.firstChild.dispatchEvent(new WheelEvent("
+            "'wheel', {deltaY: -1, clientX: box.x}));"
+            "return windowNow().concat(newest())"
+        )
+        begin, end, newest = browser.driver.execute_script(zoom)
+        assert end - begin == pytest.approx(48.0)
+        assert end == newest
+        browser.click("Pause")
+        held = browser.driver.execute_script("return windowNow()")
+        begin, end, _ = browser.driver.execute_script(zoom)
+        assert end - begin == pytest.approx(38.4)
+        assert begin == pytest.approx(held[0])
+        browser.click("60 s")
+        head, *rows = browser.saved("CSV").decode().splitlines()
+        assert head.endswith(",Contact.Position (mm)")
+        assert len(rows) > 5
+        assert all(row.count(",") == head.count(",") for row in rows)
+        picture = browser.saved("PNG")
+        assert picture.startswith(b"\x89PNG")
+        width, height = struct.unpack(">II", picture[16:24])
+        assert width > 700
+        assert height > 600
+
+
+def test_laws_and_texture_are_what_is_set(browser: Tab) -> None:
+    with served(SimulatedBench()) as url:
+        browser.open(url)
+
+        def shown(name: str) -> str:
+            chosen = Select(browser.driver.find_element(By.ID, name)).first_selected_option
+            return chosen.text
+
+        for name, before, after in (
+            ("law", "measured", "predictive"),
+            ("vibration", "pi", "scheduled"),
+            ("slot", "1: square, 10 mm", "2: sine, 20 mm"),
+        ):
+            browser.until(lambda: shown(name) == before)  # noqa: B023
+            Select(browser.driver.find_element(By.ID, name)).select_by_visible_text(after)
+            browser.until(lambda: browser.text("answer").startswith(f"done: {name} "))  # noqa: B023
+            browser.until(lambda: shown(name) == after)  # noqa: B023
+        browser.open(url)
+        browser.until(lambda: shown("slot") == "2: sine, 20 mm")
+        assert shown("law") == "predictive"
+
+
+def test_a_page_of_an_older_panel_says_so(browser: Tab) -> None:
+    with served(SimulatedBench()) as url:
+        browser.driver.get("about:blank")
+        browser.driver.get(url.replace("secret", "older"))
+        browser.until(lambda: "wrong token. Open the address" in browser.text("alarm"))
+        assert browser.text("state") == "no connection"
 
 
 def test_a_fault_shows_and_is_reset(browser: Tab) -> None:
@@ -121,8 +175,11 @@ def test_a_fault_shows_and_is_reset(browser: Tab) -> None:
         browser.click("a gauge is stuck")
         wait_for_0_v(bench)
         browser.until(
-            lambda: browser.text("alarm").startswith("FAULT: a sensor is stuck. It is at 0 V")
+            lambda: browser.text("alarm").startswith(
+                "FAULT: a sensor is stuck. The plate is at 0 V"
+            )
         )
+        assert "To do: check the sensors" in browser.text("alarm")
         assert browser.text("state") == "fault"
         browser.picture("fault")
         browser.click("Mend")
@@ -210,7 +267,7 @@ def test_a_browser_that_stands_still_or_dies_is_0_v(tmp_path: Path) -> None:
         assert service.process is not None
         family = psutil.Process(service.process.pid).children(recursive=True)
         for _ in range(ATTEMPTS):
-            tab.until(lambda: tab.text("drive") == "You drive")
+            tab.until(lambda: tab.text("drive") == "Release")
             tab.run_open_loop()
             for process in family:
                 process.send_signal(signal.SIGSTOP)

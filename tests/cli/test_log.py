@@ -1,9 +1,14 @@
 """``smarttac log`` says in words what frames mean."""
 
+import signal
 from pathlib import Path
+from time import monotonic, sleep
+from typing import Any
 
+import can
 import pytest
 from commands import refusal, succeed
+from nodes_on_a_bus import GUARD_S, NodeProcess, multicast_options
 
 from smarttac_can.bench import plate_od, stimulator_od
 from smarttac_can.cli.log import FrameText
@@ -62,6 +67,19 @@ def test_a_log_is_shown_by_the_eds_of_its_nodes(tmp_path: Path) -> None:
         "    0.000000  705  rich 5 boot-up",
         "    0.250000  1A0  stimulator 32 TPDO 1: Statusword live+ready, Mode display off",
     ]
+
+
+def test_a_bus_is_shown_until_ctrl_c(multicast: dict[str, Any]) -> None:
+    process = NodeProcess("log", *multicast_options(multicast))
+    guard = monotonic() + GUARD_S
+    with can.Bus(**multicast) as bus:
+        while process.lines.empty():
+            assert monotonic() < guard
+            bus.send(can.Message(arbitration_id=0x720, data=[5], is_extended_id=False))
+            sleep(0.05)
+    status, _, complaint = process.end(signal.SIGINT)
+    assert process.lines.get() == "    0.000000  720  stimulator 32 heartbeat, operational"
+    assert (status, complaint) == (0, "")
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """A simulated bench stepped by hand: who may drive it, and how soon it is at 0 V."""
 
 from collections.abc import Callable
+from math import hypot
 from time import monotonic, sleep
 
 import pytest
@@ -8,6 +9,7 @@ from open_pages import GUARD_S, voltage
 
 from smarttac_can.bench.link import Row, never
 from smarttac_can.panel.instrument import FAULTS, Lease, SimulatedBench
+from smarttac_can.vocabulary.states import Law, VibrationLaw
 
 ME, OTHER = object(), object()
 
@@ -185,7 +187,8 @@ def test_what_is_broken_is_0_v_and_says_why(by_hand: ByHand, fault: str) -> None
     assert by_hand.state == "fault"
     assert voltage(by_hand.bench) == 0.0
     assert by_hand.bench.seen is not None
-    assert by_hand.bench.seen.view.latched
+    assert all(by_hand.bench.seen.view.remedies)
+    assert len(by_hand.bench.seen.view.remedies) == len(by_hand.bench.seen.view.latched) > 0
     by_hand.line("mend")
     by_hand.go_on(3.0)
     assert by_hand.line("reset") == "done: reset"
@@ -200,6 +203,15 @@ def test_what_is_broken_is_0_v_and_says_why(by_hand: ByHand, fault: str) -> None
         ("cof 9", "COF"),
         ("stroke x 1 1", "invalid literal"),
         ("slot x", "'slot x' is not of the form: slot N"),
+        ("slot 99999999999999999999", "value written too high"),
+        ("voltage nan", "nan"),
+        ("amplitude 1e999", "inf"),
+        ("cof -1", "-1"),
+        ("cof \ud800", "is no number"),
+        ("stroke 1 nan 50", "nan"),
+        ("stroke 99 1 50", "99"),
+        ("frequency 1 kg", "kg"),
+        ("", "'' is none of"),
     ],
 )
 def test_nonsense_is_answered(by_hand: ByHand, text: str, answer: str) -> None:
@@ -211,9 +223,23 @@ def test_nonsense_is_answered(by_hand: ByHand, text: str, answer: str) -> None:
 
 def test_laws_and_textures_are_chosen(by_hand: ByHand) -> None:
     assert by_hand.line("law predictive") == "done: law predictive"
+    assert by_hand.line("vibration predictive") == "done: vibration predictive"
     assert by_hand.line("slot 2") == "done: slot 2"
+    assert by_hand.value("Friction law") == Law.PREDICTIVE
+    assert by_hand.value("Controller.Vibration law") == VibrationLaw.PREDICTIVE
+    assert by_hand.value("Texture.Slot") == 2
     assert by_hand.line("mode texture") == "done: mode texture"
     assert by_hand.state == "running"
+
+
+def test_the_vibration_is_shown_in_its_plane(by_hand: ByHand) -> None:
+    by_hand.line("amplitude 1")
+    by_hand.line("mode amplitude_resonance")
+    by_hand.go_on(0.3)
+    d, q = by_hand.value("Vibration.W_d"), by_hand.value("Vibration.W_q")
+    assert d is not None
+    assert q is not None
+    assert hypot(d, q) == pytest.approx(by_hand.value("Vibration.Amplitude"), abs=2e-4)
 
 
 def test_a_machine_that_slept_does_not_make_up_for_it(by_hand: ByHand) -> None:

@@ -25,7 +25,8 @@ from open_pages import Browser, Page
 from smarttac_can.bench import Stimulator
 from smarttac_can.cli import main
 from smarttac_can.nodes.stimulator_node import StimulatorNode
-from smarttac_can.vocabulary.states import Mode
+from smarttac_can.panel.instrument import BusInstrument
+from smarttac_can.vocabulary.states import Law, Mode
 
 
 @pytest.fixture
@@ -108,9 +109,25 @@ def test_a_simulated_bench_reaches_no_bus(
     assert (status, complaint) == (0, "")
 
 
+def test_it_takes_less_than_a_third_of_a_core() -> None:
+    """The simulated bench with a page that drives, which costs more than a bus."""
+    with panel() as (process, token, port):
+
+        async def script(page: Page) -> None:
+            await drive(page, token)
+            of_panel = psutil.Process(process.process.pid)
+            begun, before = monotonic(), sum(of_panel.cpu_times()[:2])
+            await asyncio.sleep(3.0)
+            share = (sum(of_panel.cpu_times()[:2]) - before) / (monotonic() - begun)
+            assert share <= 0.3
+
+        on_a_page(port, script)
+
+
 def test_without_drive_a_page_looks_on(node: StimulatorNode, multicast: dict[str, Any]) -> None:
     with Stimulator.connect(**multicast) as bench:
         bench.voltage = 20.0
+        bench.law, bench.texture_slot = "predictive", 3
         bench.mode = "open_loop"
         with panel(*multicast_options(multicast)) as (_, token, port):
 
@@ -119,6 +136,9 @@ def test_without_drive_a_page_looks_on(node: StimulatorNode, multicast: dict[str
                 assert not page.introduction["drives"]
                 await page.until(lambda: page.now.get("state") == "running")
                 await page.until(lambda: page.now["values"].get("Setpoint.Voltage") == 20.0)
+                await page.until(lambda: page.now["values"].get("Texture.Slot") == 3)
+                await page.until(lambda: page.now["values"].get("Friction law") == Law.PREDICTIVE)
+                await page.until(lambda: "Vibration.W_d" in page.now["values"])
                 await page.send(do="drive", token=token)
                 await page.send(do="stop")
                 await page.send(do="line", text="mode off")
@@ -195,6 +215,35 @@ def test_a_panel_that_is_killed_leaves_0_v(node: StimulatorNode, multicast: dict
             assert node.od["Message"].value == "the heartbeat of a watched node is lost"
 
         on_a_page(port, script)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_an_instrument_that_fails_leaves_0_v_and_ends_the_command(
+    node: StimulatorNode, multicast: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its thread ends, while the heartbeat of the bench would go on."""
+    step = BusInstrument.step
+
+    def fails_while_driving(instrument: BusInstrument, now: float) -> None:
+        step(instrument, now)
+        if node.od["Mode display"].value == Mode.OPEN_LOOP:
+            raise RuntimeError("a defect")
+
+    async def drives(instrument: BusInstrument, *_: object) -> None:
+        """Stand for the server: drive, and return as it does when the instrument has failed."""
+        instrument.lease.take(self := object(), monotonic() + GUARD_S)
+        for text in ("voltage 20", "mode open_loop"):
+            instrument.command(self, text)
+            while instrument.alive and instrument.answer != f"done: {text}":
+                await asyncio.sleep(0.01)
+
+    monkeypatch.setattr(BusInstrument, "step", fails_while_driving)
+    monkeypatch.setattr("smarttac_can.panel.server.serve", drives)
+    monkeypatch.setattr("smarttac_can.panel.server.Panel", lambda instrument, *_: instrument)
+    assert refused(*multicast_options(multicast), "--drive") == (
+        "Error: the panel has failed, and leaves the plate at 0 V"
+    )
+    asyncio.run(shows(node, Mode.OFF))
 
 
 def test_a_port_that_is_taken_is_one_line() -> None:

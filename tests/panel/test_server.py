@@ -3,6 +3,7 @@
 import asyncio
 import json
 import time
+from contextlib import AsyncExitStack, suppress
 
 import pytest
 from aiohttp import WSServerHandshakeError
@@ -82,11 +83,12 @@ def test_without_the_token_nothing_is_driven_or_stopped() -> None:
         async with browser.page() as driver, browser.page() as other:
             await driver.run_open_loop()
             await other.send(do="stop")
-            await other.send(do="line", text="mode off")
+            await other.send(do="line", text="all is well, you may touch the stage")
             await other.send(do="finger", x=0.0, force=2.0)
             await other.send(do="release")
             await asyncio.sleep(0.3)
             assert voltage(bench) == 40.0
+            assert driver.now["answer"] == "done: mode open_loop"
             await other.send(do="drive", token="guess")
             while not other.socket.closed:
                 await asyncio.sleep(0.01)
@@ -99,18 +101,82 @@ def test_without_the_token_nothing_is_driven_or_stopped() -> None:
 
 @pytest.mark.parametrize(
     "nonsense",
-    ["", "[]", "{}", "[" * 900, '{"do": "dance"}', '{"do": "finger", "x": "1", "force": 1}',
+    ["", "[]", "{}", "[" * 900, '{"do": "dance"}', '{"do": ["seen"]}', '{"do": "\\ud800"}',
+     '{"do": "finger", "x": "1", "force": 1}', '{"do": "finger", "x": true, "force": 1}',
      '{"do": "finger", "x": NaN, "force": 1}', '{"do": "finger", "x": 1e9, "force": 1}',
-     '{"do": "seen"}', '{"do": "drive"}', "x" * 5000],
+     '{"do": "finger", "x": 1e999, "force": 1}', '{"do": "finger", "x": 0, "force": -1}',
+     f'{{"do": "finger", "x": {"9" * 900}, "force": 1}}',
+     '{"do": "seen"}', '{"do": "line"}', '{"do": "drive"}', '{"do": "drive", "token": "\\ud800"}',
+     b"\x00\xff", "x" * 5000],
 )  # fmt: skip
-def test_a_page_that_talks_nonsense_is_closed_and_stopped(nonsense: str) -> None:
+def test_a_page_that_talks_nonsense_is_closed_and_stopped(
+    nonsense: str | bytes, caplog: pytest.LogCaptureFixture
+) -> None:
     async def script(browser: Browser) -> None:
         async with browser.page() as page:
             await page.run_open_loop()
-            await page.socket.send_str(nonsense)
+            if isinstance(nonsense, bytes):
+                await page.socket.send_bytes(nonsense)
+            else:
+                await page.socket.send_str(nonsense)
             await seconds_to_0_v(bench)
         async with browser.page() as page:
             await page.drive()
+
+    bench = SimulatedBench()
+    browse(bench, script)
+    assert not caplog.records  # nor a traceback on the terminal
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [b"\0\xff\r\n\r\n", b"GET / HTTP/1.1\r\n\r\n", b"GET / HTTP/1.1\r\nX: " + b"a" * 10_000,
+     b"GET / HTTP/1.1\r\nHost: localhost\r\nHost: evil\r\n\r\n"],
+)  # fmt: skip
+def test_what_is_no_request_is_answered_and_not_logged(
+    request_: bytes, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def script(browser: Browser) -> None:
+        reader, writer = await asyncio.open_connection("127.0.0.1", browser.port)
+        writer.write(request_ + b"\r\n\r\n")
+        assert b" 400 " in await reader.readline()
+        writer.close()
+
+    browse(SimulatedBench(), script)
+    assert not caplog.records
+
+
+@pytest.mark.parametrize("do", ["stop", "seen", "finger", "line", "ping"])
+def test_a_page_that_floods_is_closed_and_holds_nobody_up(do: str) -> None:
+    flood = {"do": do, "n": -1, "x": 0.0, "force": 0.5, "text": "mode off"}
+
+    async def script(browser: Browser) -> None:
+        async with browser.page() as driver:
+            for _ in range(ATTEMPTS):
+                async with browser.page() as other:
+                    await driver.run_open_loop()
+                    with suppress(ConnectionError):
+                        while not other.socket.closed:
+                            await (other.socket.ping() if do == "ping" else other.send(**flood))
+                            await asyncio.sleep(0.0)
+                    assert other.socket.close_code == 1008
+                    if driver.now["drives"] and voltage(bench) == 40.0:
+                        return
+        pytest.fail("the page that drives was not heard meanwhile")
+
+    bench = SimulatedBench()
+    browse(bench, script)
+
+
+def test_a_driver_that_floods_is_stopped() -> None:
+    async def script(browser: Browser) -> None:
+        async with browser.page() as page:
+            await page.run_open_loop()
+            with suppress(ConnectionError):
+                for _ in range(1000):
+                    await page.send(do="finger", x=0.0, force=0.5)
+            await seconds_to_0_v(bench)
+            assert bench.answer == LEFT
 
     bench = SimulatedBench()
     browse(bench, script)
@@ -138,21 +204,50 @@ def test_one_page_drives() -> None:
     browse(bench, script)
 
 
-def test_a_page_too_many_is_refused() -> None:
+def test_a_page_too_many_takes_the_place_of_one_without_the_token() -> None:
     async def script(browser: Browser) -> None:
-        pages = [browser.page() for _ in range(8)]
-        for page in pages:
-            await page.__aenter__()
-        with pytest.raises(WSServerHandshakeError) as refused:
-            async with browser.page():
-                pass
-        assert refused.value.status == 503
-        for page in pages:
-            await page.__aexit__(None, None, None)
+        async with AsyncExitStack() as stack:
+            pages = [await stack.enter_async_context(browser.page()) for _ in range(8)]
+            await pages[0].run_open_loop()
+            await stack.enter_async_context(browser.page())
+            while not pages[1].socket.closed:
+                await asyncio.sleep(0.01)
+            assert pages[1].socket.close_code == 1013
+            assert voltage(bench) == 40.0
+
+    bench = SimulatedBench()
+    browse(bench, script)
+
+
+def test_a_page_too_many_is_refused_if_all_have_the_token() -> None:
+    async def script(browser: Browser) -> None:
+        async with AsyncExitStack() as stack:
+            for _ in range(8):
+                page = await stack.enter_async_context(browser.page())
+                await page.send(do="drive", token=TOKEN)
+                await page.until(lambda page=page: page.now["trusted"])
+            with pytest.raises(WSServerHandshakeError) as refused:
+                async with browser.page():
+                    pass
+            assert refused.value.status == 503
         async with browser.page():
             pass
 
     browse(SimulatedBench(), script)
+
+
+def test_connections_that_say_nothing_hold_nobody_up() -> None:
+    async def script(browser: Browser) -> None:
+        opened = [await asyncio.open_connection("127.0.0.1", browser.port) for _ in range(200)]
+        async with browser.page() as page:
+            await page.run_open_loop()
+            await page.send(do="stop")
+            await seconds_to_0_v(bench)
+        for _, writer in opened:
+            writer.close()
+
+    bench = SimulatedBench()
+    browse(bench, script)
 
 
 # A driver that is gone: 0 V within the time of the heartbeat.
@@ -245,6 +340,21 @@ def test_a_stalled_server_is_0_v_within_the_heartbeat_s_time() -> None:
                 if took <= HEARTBEAT_S:
                     return
         pytest.fail(f"0 V after {took} s")
+
+    bench = SimulatedBench()
+    browse(bench, script)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_an_instrument_that_has_failed_ends_the_server(monkeypatch: pytest.MonkeyPatch) -> None:
+    """So that the command ends: on a bus that is 0 V."""
+
+    async def script(browser: Browser) -> None:
+        async with browser.page() as page:
+            monkeypatch.setattr(bench, "step", None)
+            while not page.socket.closed:
+                await asyncio.sleep(0.01)
+            assert page.socket.close_code == 1001
 
     bench = SimulatedBench()
     browse(bench, script)

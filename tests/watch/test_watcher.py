@@ -13,12 +13,20 @@ from smarttac_can.master.requests import nmt
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import NMTCommand
+from smarttac_can.vocabulary.watchdogs import Watchdog
 from smarttac_can.watch.screen import LEAST_COLUMNS, LEAST_LINES, lines
-from smarttac_can.watch.watcher import PUBLISHED, READ, PublishedValues, View, Watcher
+from smarttac_can.watch.watcher import PUBLISHED, READ, PublishedValues, View, Watcher, view_of
 
 OD = stimulator_od()
 SDO_REQUESTS = 0x620
 UPLOAD = 0x40
+
+
+def test_every_fault_says_what_to_do() -> None:
+    latched = {"Diagnosis.Latched": sum(1 << watchdog for watchdog in Watchdog)}
+    view = view_of(OD, {}, latched)
+    assert len(view.latched) == len(view.remedies) == len(Watchdog)
+    assert all(view.remedies)
 
 
 class Scene:
