@@ -69,7 +69,6 @@ class PlateInside:
     ----------
     plate
         Function block of the plate.
-        As given.
     """
 
     def __init__(self, od: ObjectDictionary, plate: PlateBlock) -> None:

@@ -403,8 +403,8 @@ class CellFinger:
     ----------
     force
         Normal force in N.
-    Times in s at which the finger lands and lifts; None for never.
-        Times in s; None for never.
+    lands, lifts
+        Times in s at which the finger lands and lifts; None for never.
     """
 
     __slots__ = ("_force", "_lands", "_lifts")
