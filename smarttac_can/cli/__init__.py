@@ -67,8 +67,6 @@ _COMMANDS: Final = {name: of for commands in FAMILIES.values() for name, of in c
 
 
 class _Families(click.Group):
-    """A group of commands that are imported when they are called, and listed by family."""
-
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - as click calls it
         """Return the names of the commands."""
         return list(_COMMANDS)

@@ -185,7 +185,6 @@ def _plain(state: State) -> str:
 def _asked(
     network: canopen.Network, where: str, node_id: int, plate_node: int | None, timeout: float
 ) -> dict[str, Any]:
-    """Connect to a stimulator, and listen for the heartbeats of the nodes that it supervises."""
     device = RemoteDevice(network, stimulator_od(node_id), where, timeout)
     plate_id = plate_node or _plate_of(device)
     plate = None if plate_id is None else RemoteDevice(network, plate_od(plate_id), where, timeout)
@@ -240,7 +239,6 @@ def _entered(device: RemoteDevice) -> Iterator[_Watch]:
 
 
 def _nmt(device: RemoteDevice) -> str:
-    """Wait for a heartbeat, and return the NMT state in it."""
     wait_until(lambda: device.heartbeat_at is not None, _HEARTBEATS_WAITED * device.heartbeat_s)
     return STATES.get(device.state, UNKNOWN) if device.heartbeat_at is not None else UNKNOWN
 
@@ -333,7 +331,6 @@ _BIT_RATE: Final = 1_000_000
 def _watching(
     bus: BusChoice, node_id: int, plate_node: int | None, drive: bool, *, reads: bool = True
 ) -> Iterator[tuple[Watcher, Listener, Stimulator | None]]:
-    """Watch a stimulator on a bus, and also connect to it if it is to be driven."""
     plate = None if plate_node is None else plate_od(plate_node)
     bit_rate = bus.bitrate or _BIT_RATE
     watcher = Watcher(stimulator_od(node_id), plate, bit_rate=bit_rate, reads=reads)

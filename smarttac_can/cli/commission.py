@@ -421,7 +421,6 @@ def _made(file: Path, make: Callable[[str], _Made]) -> _Made:
 
 
 def _write(text: str, output: Path | None) -> None:
-    """Write a text, ending in a newline, to a file, or to stdout if none is given."""
     if output is None:
         click.echo(text, nl=not text.endswith("\n"))
     else:

@@ -83,7 +83,6 @@ def _dead_time(_ctx: click.Context, _param: click.Parameter, value: str) -> floa
 
 
 def _load(_ctx: click.Context, _param: click.Parameter, load: float) -> float:
-    """Return a load in N, or 0 for none."""
     if load != 0.0 and not LOAD_MIN <= load <= LOAD_MAX:
         raise click.BadParameter(f"{load:g} N is neither 0 nor in {LOAD_MIN:g}..{LOAD_MAX:g}")
     return load
@@ -239,7 +238,6 @@ def report(folder: Path) -> None:
 
 
 def _read_run(folder: Path) -> tuple[list[Trace], dict[str, Any]]:
-    """Read the traces and results that ``reproduce --output`` wrote."""
     with naming(file := _made(folder, RESULTS), ValueError, RecursionError):
         results = json.loads(read_bounded(file, _RESULTS_MAX_BYTES))
         if not isinstance(results, dict) or "trace_sha256" not in results:

@@ -335,7 +335,6 @@ def read_finger(path: Path) -> Trajectory:
 
 
 def _samples(text: str) -> list[tuple[float, float, float]]:
-    """Return time in s, x in m and Fn in N of each row."""
     samples: list[tuple[float, float, float]] = []
     rows = csv.reader(StringIO(text, newline=""))
     try:
@@ -525,7 +524,6 @@ def plate(
 
 @contextmanager
 def _front_end(name: str, *, by_clock: bool) -> Iterator[TimedPlate]:
-    """Open a front end, which may be a module in the working directory."""
     here = str(Path.cwd())
     sys.path.append(here)
     try:

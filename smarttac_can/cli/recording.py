@@ -154,7 +154,6 @@ def _record(
 
 
 def _wait(recording: Recording, stopped: Callable[[], bool], seconds: float | None) -> None:
-    """Wait for the end of the recording, and print its progress on stderr."""
     begun = said = monotonic()
     cycles = recording.cycles
     silent = False
@@ -300,7 +299,6 @@ def _perhaps_told(done: Replayed) -> str:
 
 
 def _replay(log: Path, run: Replay) -> Replayed | DifferenceError:
-    """Replay a log to its end, or to the first difference."""
     try:
         for time, frame in _showing(
             read_log(log, lambda line: click.echo(one_line(line), err=True))

@@ -66,7 +66,6 @@ def _fault(_ctx: click.Context, _param: click.Parameter, names: tuple[str, ...])
 
 
 def _quoted(names: Iterable[str], separator: str) -> str:
-    """Return names in quotes, as they contain commas themselves, joined by a separator."""
     return separator.join(map(repr, names))
 
 

@@ -240,7 +240,6 @@ def verify_configuration(examiner: Examiner) -> None:
 
 
 def _cob_ids(examiner: Examiner) -> Iterator[tuple[int, int]]:
-    """Yield index and sub-index of the writable COB-IDs with a valid bit."""
     sheet = examiner.sheet
     for pdo in sheet.usable(sheet.tpdos + sheet.rpdos):
         yield pdo.communication, PDO_COB_ID

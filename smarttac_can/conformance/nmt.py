@@ -141,7 +141,6 @@ def addressee(examiner: Examiner) -> None:
 
 
 def _parameter(examiner: Examiner) -> Entry | None:
-    """Return a writable number of the application; None if there is none."""
     kinds = (DataType.UNSIGNED32, DataType.UNSIGNED16, DataType.INTEGER32, DataType.INTEGER16)
     return next(
         (

@@ -684,7 +684,6 @@ def _mappable(examiner: Examiner) -> list[Entry]:
 
 
 def _open(examiner: Examiner, pdo: Pdo) -> int:
-    """Disable a PDO and set its number of entries to 0; return its COB-ID."""
     cob_id = disable(examiner, pdo)
     write_number(examiner, pdo.mapping, 0, 0)
     return cob_id

@@ -447,7 +447,6 @@ def _begin_upload(
 
 
 def _segments(examiner: Examiner) -> list[bytes]:
-    """Receive the segments of the last sub-block of an upload."""
     segments: list[bytes] = []
     while not segments or not segments[-1][0] & _LAST:
         data = examiner.sdo_response()

@@ -107,7 +107,6 @@ def _produce(examiner: Examiner, period_ms: int = _PERIOD_MS) -> None:
 
 
 def _produced(examiner: Examiner, period_ms: int = _PERIOD_MS) -> list[Arrival]:
-    """Receive the SYNCs of 8 periods, and return them."""
     return periodic(examiner, examiner.sync_id, "SYNC", "period", period_ms)
 
 

@@ -27,20 +27,17 @@ SOFTENING_SPREAD: Final = TWO_PI * 60e6
 _KEEP_KAPPA: Final = 0.9999
 """Fraction of the learned kappa that is left after a tick: 10 s. A finger does not change kappa."""
 _KEEP_RATE: Final = 0.95
-"""Fraction of the learned 1/tau that is left after a tick: 20 ms. A pressing or sliding finger
-changes 1/tau."""
+"""Fraction of the learned 1/tau left after a tick: 20 ms. Pressing and sliding change it."""
 _KEEP_W0: Final = 0.9999
 _KEEP_SOFTENING: Final = 0.99999
 """Fraction of the learned softening that is left after a tick: 100 s. It predicts the resonance
 after the next step."""
 _SHIFT: Final = 200.0
-"""Uncertainty of the resonance in rad/s when 1/tau has changed by the factor e, as a finger also
-adds stiffness."""
+"""Uncertainty of the resonance in rad/s for a change of 1/tau by e, as a finger adds stiffness."""
 _NOISE: Final = 1e-9
 """Standard uncertainty in m of each axis of the pick-up."""
 _UNMODELLED: Final = 1e-3
-"""Standard uncertainty of a prediction of W as a fraction, for changes of the finger within a
-tick."""
+"""Relative standard uncertainty of a prediction of W, for changes of the finger within a tick."""
 _JITTER: Final = 60e-6
 """Standard uncertainty in s of the instant at which a drive takes effect. It prevents that a wrong
 dead time is learned as a different plate."""

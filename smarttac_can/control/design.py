@@ -40,8 +40,7 @@ class PI(NamedTuple):
     """A PI controller ``C(z) = Kp (z - a)/(z - 1)``."""
 
     Kp: float
-    """Gain in units of the output per unit of the error; negative for a plant with negative
-    gain."""
+    """Gain in units of the output per unit of the error; it has the sign of the plant."""
     a: float
     """Zero, 0..1; equal to the plant's pole."""
 

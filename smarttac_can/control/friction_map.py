@@ -40,8 +40,7 @@ therefore not rise, or be so flat that an error of a few % alternates between bo
 FARTHEST: Final = 4.0
 """Bound of a weight in standard deviations of the weights of all fingers."""
 FORGOTTEN: Final = 0.02
-"""Fraction of the learned weights that fades with each pair, as speed and sweat change the
-shape."""
+"""Fraction of the weights that fades with each pair, as speed and sweat change the shape."""
 
 
 class Weights(NamedTuple):

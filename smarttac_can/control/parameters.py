@@ -49,8 +49,7 @@ class CascadeParameters:
     sheet_tau: float = 0.944e-3
     """Time constant of the plate in its data sheet in s, 1e-4..1e-2."""
     sheet_tolerance: float = 0.1
-    """Largest relative difference from the data sheet with which a plate is identified, 0.01..0.5;
-    an assumption."""
+    """Largest relative difference of an identified plate from it, 0.01..0.5; an assumption."""
     preview: float = 1.5e-3
     """Time in s by which the reference of a texture is ahead of the finger, 0..0.02: the delay of
     the COF behind its reference, in addition to the dead time."""

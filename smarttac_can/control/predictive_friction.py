@@ -30,9 +30,8 @@ PATH_FREQUENCY: Final = 100.0
 PATH_DAMPING: Final = 0.7
 """Assumed damping ratio of the force path."""
 POLE: Final = 0.07
-"""Fraction of a step of the reference that is left for the next tick. More friction stretches the
-skin. If that is faster than the finger slides, the skin sticks, and then releases with an
-overshoot."""
+"""Fraction of a step of the reference left for the next tick. More friction stretches the skin. If
+that is faster than the finger slides, the skin sticks, and releases with an overshoot."""
 POLE_UNKNOWN: Final = 0.85
 """The same before the first pair of plateaus, while the slope of the map is that of any finger."""
 GAIN_UNKNOWN: Final = 1.0
@@ -55,8 +54,7 @@ SETTLED_TICKS: Final = 22
 STEP_MIN: Final = 0.02
 """Change of ln mu_ref in a tick that counts as a step."""
 SPEED_VARIANCE: Final = 2.5e-5
-"""Variance of the difference of two plateaus without noise, by force and speed changes in a
-pass."""
+"""Variance of the difference of two plateaus without noise: force and speed change in a pass."""
 MU_MIN: Final = 0.02
 """COF below which a finger does not count as sliding."""
 

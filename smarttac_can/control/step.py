@@ -113,8 +113,7 @@ _SCHEDULED: Final = int(VibrationLaw.SCHEDULED)
 _PREDICTIVE: Final = int(VibrationLaw.PREDICTIVE)
 
 _ABSURD: Final = 1e6
-"""Bound of the squares of a measurement, 1 km or 1 kN, and of a COF reference; also for NaN and
-infinity."""
+"""Bound of the squares of a measurement, 1 km or 1 kN, and of a COF reference; refuses NaN, too."""
 _COF_MIN: Final = 1e-6
 """Least COF reference, so that the error relative to it is finite."""
 FREQUENCY_STEP: Final = 5.0

@@ -29,8 +29,7 @@ LONG: Final = 400.0
 BEND_SHARE: Final = 0.05
 """Filter factor of the bend per sample; its noise is a sixth of that of a sample."""
 BENT: Final = 4.0 * sqrt(BEND_SHARE / (2.0 - BEND_SHARE))
-"""Bend, in standard uncertainties of a sample, above which the finger has left the line: four of
-the bend's own."""
+"""Bend above which the finger has left the line, in uncertainties of a sample: 4 of its own."""
 _NM_PER_M: Final = 1e9
 _US_PER_S: Final = 1e6
 

@@ -57,8 +57,7 @@ BEHIND: Final = 0.15e-6
 BEHIND_TICKS: Final = 100
 """Ticks of such a lag without learning; after them a lack of vibration is a fault."""
 SLOPE: Final = 0.04e-6
-"""Step of the amplitude in m per % of friction error during such a lag, as in the paper's eq.
-(9)."""
+"""Step of the amplitude in m per % of friction error during such a lag; paper, eq. (9)."""
 STEP_MAX: Final = 1e-6
 """Largest such step in m."""
 

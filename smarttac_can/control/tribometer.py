@@ -14,8 +14,7 @@ Forces = tuple[float, float, float, float, float, float]
 RELEASE = 0.7
 """Fraction of the contact force below which a touch ends, so that noise does not split it."""
 DETERMINANT_MIN = 0.1
-"""Smallest determinant of the cross-talk, or of its inverse, with which two loads can be
-separated."""
+"""Smallest determinant of the cross-talk, or of its inverse, to separate two loads."""
 MEMORY = 0.95
 """Fading memory of the position filter: the weight of a sample halves in 14 ms."""
 
@@ -70,8 +69,7 @@ class Gauging(NamedTuple):
 
 PositionTrack = tuple[bool, float, float, int]
 """Whether the finger touches, and the straight line through the positions of its touch: position in
-m, which is kept afterwards, speed in m/s, and number of samples as far as the gains depend on
-it."""
+m, which is kept afterwards, speed in m/s, and samples as far as the gains depend on them."""
 
 
 def gauging_of(

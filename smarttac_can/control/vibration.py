@@ -18,9 +18,8 @@ AMPLITUDE_MIN = 0.1e-6
 TANGENT_MAX = 2.0
 """Bound of W_q/W_d: above about 60 deg the tangent grows fast while the angle hardly changes."""
 DETUNED_SHARE: Final = 0.75
-"""Fraction of the amplitude limit to which the reference is reduced off resonance. When the
-resonance is found, the vibration overshoots by up to 29 %, and the pick-up ends 9 % above the
-limit."""
+"""Fraction of the amplitude limit to which the reference is reduced off resonance: when the
+resonance is found, the vibration overshoots by up to 29 %. The pick-up ends 9 % above the limit."""
 _DETUNED: Final = 0.5
 """Tangent of the phase above which it is off resonance: 27 degrees, 80 Hz."""
 

@@ -480,7 +480,6 @@ class Device:
         self.ids = Identifiers(heard, frozenset(urgent), emcy, sent, sync)
 
     def _register(self, services: Iterable[Service]) -> None:
-        """Register NMT and only these services as listeners."""
         self._port.listeners.clear()
         self._port.listen(NMT_ID, self._nmt.on_frame)
         for service in services:

@@ -396,8 +396,7 @@ def _checked(block_size: int) -> int:
 
 
 TIME_OUT: Final = 1_000_000
-"""Time in us without a request after which a transfer is aborted, unless the object sets
-another."""
+"""Default time in us without a request after which a transfer is aborted."""
 TIME_OUT_NAME: Final = "SDO server time-out"
 """Name of the manufacturer object that holds the time-out in ms."""
 

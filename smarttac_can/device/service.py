@@ -294,7 +294,6 @@ class Access:
             self._on_change()
 
     def _report(self, index: int, subindex: int, abort: Abort) -> None:
-        """Report the reason of a refused write to the application."""
         entry = self._od.get(index, subindex)
         name = f"{index:04X}h sub-index {subindex}" if entry is None else entry.name
         self._application.on_refused(name, abort.explain(name))

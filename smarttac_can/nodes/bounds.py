@@ -40,8 +40,7 @@ MOST_LOAD: Final = 1.60
 """Least and largest damping that a finger of 0.5 N adds, relative to the damping of the bare plate.
 An assumption wider than all fingertips of the simulation, 0.47 to 1.32."""
 MOST_STIFFENING: Final = 12.0
-"""Largest rise of the resonance by a finger of 0.5 N, in Hz. An assumption wider than the 8.8 Hz of
-the simulation."""
+"""Largest rise of the resonance in Hz by a finger of 0.5 N, assumed; simulated are up to 8.8."""
 THERMOMETER_UNCERTAINTY: Final = 1.0
 """Uncertainty of the thermometer in K. 140 Hz off resonance, 1 K changes the vibration by 4 %."""
 _F0_UNCERTAINTY: Final = 2.0
@@ -57,8 +56,7 @@ _PHASE_FROM: Final = 20e-9
 _PHASE_MIN: Final = 0.05
 """Least cosine of the phase that is used. At the ends of the frequency range it is 0.13."""
 _HOP: Final = 10.0
-"""Change of the drive frequency in Hz after which the vibration turns to a new phase, and may pass
-through 0."""
+"""Change of the drive in Hz after which the vibration turns to a new phase, maybe through 0."""
 _TURNING_CYCLES: Final = 8
 """Cycles that this turn takes. During them the phase is not used."""
 _TWO_PI: Final = 2.0 * pi
@@ -92,8 +90,7 @@ class BoundPlan(NamedTuple):
     found_at: float
     """Temperature in degC at which the model has this resonance."""
     softest: float
-    """Fall of the resonance in Hz when the vibration is at its limit; below 0 for a plate that
-    stiffens."""
+    """Fall of the resonance in Hz at the limit of the vibration; below 0 if the plate stiffens."""
 
 
 class Response(NamedTuple):
@@ -138,8 +135,7 @@ class Vibration(NamedTuple):
     most: complex
     """Bound from above. `cut` keeps it within its limit unless drives are late."""
     E: float
-    """Vibration at the bare resonance for the largest voltages. Detuning and fingers
-    only lower it."""
+    """Vibration at the bare resonance for the largest voltages; detuning and fingers lower it."""
     E_least: float
     """Vibration at the bare resonance for the smallest voltages."""
     least: float

@@ -41,8 +41,7 @@ class Cap(NamedTuple):
     name: str
     unit: Quantity
     most: float = inf
-    """Cap in SI units; inf for a value that is only compared with a limit, or used to compute
-    one."""
+    """Cap in SI units; inf for a value that is only compared with a limit, or defines one."""
 
 
 STIMULATOR_CAPS: Final = (

@@ -146,8 +146,7 @@ DRIVE_TPDO: Final = 5
 DRIVE_RPDO: Final = 1
 """PDO in which the plate receives it."""
 HARDWARE_RPDO: Final = 2
-"""PDO in which the plate receives data of hardware that supervises its power stage; not valid by
-default."""
+"""PDO in which the plate receives hardware that supervises its stage; not valid by default."""
 PLATE_RPDOS: Final = (DRIVE_RPDO, HARDWARE_RPDO)
 """All RPDOs of the plate."""
 

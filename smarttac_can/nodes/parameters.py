@@ -322,7 +322,6 @@ class ModelSheet:
         self._show_quality(model)
 
     def _show_quality(self, model: PlateModel) -> None:
-        """Show the quality factor of the resonance."""
         self._quality.value = self._quality.quantise(model.quality)
 
 

@@ -130,9 +130,8 @@ class DriveSender:
 
 
 READ_BACK_CYCLES: Final = 3
-"""Cycles in a row with a wrong reading before the fault. Single ones fill a leaky bucket. At most
-two more pass before them: both the reading and the voltage it is compared with may be a cycle
-old."""
+"""Cycles in a row with a wrong reading before the fault. Single ones fill a leaky bucket. Up to two
+more pass before: both the reading and the voltage to compare with may be a cycle old."""
 _FULL_OF_READINGS: Final = full_bucket(READ_BACK_CYCLES)
 
 
@@ -246,7 +245,6 @@ class HardwareWatch:
             raise Abort(AbortCode.STATE)
 
     def _of_rpdo(self, number: int) -> list[tuple[Entry, Rule]]:
-        """List the locked entries of an RPDO, with their rules."""
         objects = self._device.od.objects
         communication = objects[RPDO_COMMUNICATION + number - 1].entries
         mapping = objects[RPDO_MAPPING + number - 1].entries

@@ -310,7 +310,6 @@ class StimulatorBlock:
         self._hint = ""
 
     def _switch_off(self) -> None:
-        """Switch the cascade off and set the drive to 0 V immediately."""
         self._mode.value = Mode.OFF
         self.cascade.set_mode(Mode.OFF)
         self._outbox.switch_off()
@@ -444,7 +443,6 @@ class StimulatorBlock:
         return build_plans(self.od, present, entry, value)
 
     def _show_written_model(self) -> None:
-        """Show a model as not identified if it was written since the last cycle."""
         if self._plans.model != self.cascade.model:
             self._model_sheet.show_written(self._plans.model)
 

@@ -549,7 +549,6 @@ class StimulatorNode(DeviceNode):
             self.block.observe(Watchdog.MISSED_TIME, True)
 
     def _details(self, watchdog: Watchdog) -> str:
-        """Return details for the text of a fault."""
         if watchdog is Watchdog.MISSED_TIME:
             return self._missed_time.summary()
         return self._loop.late_answers.summary() if watchdog in OF_LATE_DRIVES else ""

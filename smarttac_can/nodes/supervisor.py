@@ -392,7 +392,6 @@ class Supervisor:
         return done
 
     def _why_not(self, word: int) -> str:
-        """Return why a controlword is refused in the present state, and what to do."""
         state = self.machine.state
         if state is State.READY and not self.supervised:
             return f"{UNWATCHED}{self.advice()}"
@@ -436,7 +435,6 @@ class Supervisor:
         self._diagnosis.latched.value = self.latched
 
     def _clear_after(self, before: State) -> None:
-        """Clear the latched faults when FAULT is left."""
         if before is State.FAULT and self.machine.state is not before:
             self.latched = 0
             self._clear_message()

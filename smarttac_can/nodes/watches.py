@@ -58,13 +58,11 @@ _EXCESS_OFFSET: Final = 100e-9
 _LACK: Final = 0.8
 """Lowest ratio of the vibration to the bound from below."""
 _SILENCE: Final = 0.05
-"""Lowest ratio of the vibration to that of the model. At the ends of the frequency range it is
-0.2."""
+"""Lowest ratio of the vibration to that of the model; it is 0.2 at the ends of the range."""
 _LOOKED_FOR: Final = 200e-9
 """Vibration of the model in m above which a missing vibration is detected."""
 _GAP_MAX: Final = TICK_MASK // 2
-"""Most ticks between two measurements. A larger difference is a step back, as after a restart of
-the plate."""
+"""Most ticks between two measurements; more are a step back, as by a restart of the plate."""
 _NO_PLATE: Final = 0
 _OPEN_LOOP: Final = int(Mode.OPEN_LOOP)
 """The mode in which frequency steps are excused. In other modes they may be a sign of the fault."""

@@ -104,7 +104,6 @@ _RECORDS: Final = (
 
 
 def _standard_type(index: int, subindex: int) -> DataType | None:
-    """Return the data type that CiA 301 requires for an entry; None if it requires none."""
     if index in _VARIABLES or subindex == 0:
         return _VARIABLES.get(index)
     if index in _MEMBERS:
@@ -127,7 +126,6 @@ _FORMULA: Final = re.compile(r"\$nodeid(\s*\+\s*[0-9a-fx]+)?", re.IGNORECASE)
 
 
 def _check_keys(name: str, section: dict[str, str]) -> Iterator[Finding]:
-    """Check the keys that every object has, and that there are no others."""
     title = section.get("parametername", "")
     if not title:
         yield Finding(name, "ParameterName is missing")
@@ -142,7 +140,6 @@ def _check_keys(name: str, section: dict[str, str]) -> Iterator[Finding]:
 def _check_entry(
     name: str, section: dict[str, str], index: int, subindex: int
 ) -> Iterator[Finding]:
-    """Check data type, access, mapping flag, limits and default of a VAR or a member."""
     access = section.get("accesstype", "").lower()
     domain = _integer(section.get("objecttype", "")) == ObjectType.DOMAIN
     if access not in ACCESS and not (domain and not access):
@@ -215,7 +212,6 @@ def _check_order(name: str, values: dict[str, Any]) -> Iterator[Finding]:
 
 
 def _integer(text: str) -> int | None:
-    """Read an integer; None for anything else."""
     try:
         return parse_integer(text, "")
     except EDSError:
@@ -231,7 +227,6 @@ _STRUCTURES: Final = (ObjectType.ARRAY, ObjectType.RECORD, ObjectType.DEFSTRUCT)
 
 
 def _check_objects(sections: Sections) -> Iterator[Finding]:
-    """Check every object with its members, and that each member has an object."""
     members: dict[str, dict[int, str]] = {}
     for name in sections:
         if found := MEMBER.match(name):
@@ -388,7 +383,6 @@ _OTHER: Final = re.compile(
 
 
 def _check_text(text: str) -> Iterator[Finding]:
-    """Check the characters and the lengths of the lines."""
     for number, line in enumerate(text.splitlines(), 1):
         if not line.isascii():
             odd = next(character for character in line if not character.isascii())
@@ -452,7 +446,6 @@ def _check_comments(section: dict[str, str]) -> Iterator[Finding]:
 
 
 def _check_lists(sections: Sections) -> Iterator[Finding]:
-    """Check that the lists of objects and their sections agree."""
     described = {int(name, 16) for name in sections if OBJECT.match(name)}
     listed: dict[int, str] = {}
     for name, what in LISTS.items():
@@ -512,7 +505,6 @@ _KINDS: Final = (
 
 
 def _check_pdos(od: ObjectDictionary) -> Iterator[Finding]:
-    """Check the parameters of all PDOs, and the objects that they need."""
     used: dict[int, str] = {}
     synchronous = False
     for kind, communication, mapping in _KINDS:
@@ -580,7 +572,6 @@ def _check_mapping(od: ObjectDictionary, kind: str, mapped: int) -> Iterator[Fin
 
 
 def _mapping_fault(od: ObjectDictionary, kind: str, value: int) -> str:
-    """Return the error of a mapping parameter; empty for none."""
     index, subindex, bits = value >> 16, value >> 8 & 0xFF, value & 0xFF
     where = f"{index:04X}h sub-index {subindex}"
     entry = od.get(index, subindex)

@@ -104,7 +104,6 @@ def _rows(objects: Iterable[Object], other: ObjectDictionary) -> Iterator[tuple[
 
 
 def _members(item: Object, other: ObjectDictionary) -> Iterator[tuple[int, str, tuple[str, ...]]]:
-    """Yield sub-index, name and other columns of the entries of an object."""
     structured = item.object_type in (cia.ObjectType.ARRAY, cia.ObjectType.RECORD)
     for entry in item.entries.values():
         if structured and entry.subindex == 0 and not entry.writable:

@@ -150,7 +150,6 @@ def _is_gain_of_pickup(fault: Fault) -> bool:
 
 
 def _gains(fault: Fault) -> tuple[float, float]:
-    """Return the gains of both axes of the pick-up, before their converters, under a fault."""
     if not _is_gain_of_pickup(fault):
         return SOUND
     gain = fault.value * 1e-3

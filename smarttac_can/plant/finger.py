@@ -318,7 +318,6 @@ class GuidedFinger:
 
 
 def _approached(value: float, rate: float, goal: float, elapsed: float) -> tuple[float, float]:
-    """Return value and rate of a critically damped approach after a time."""
     away = value - goal
     pull = rate + away / _LAG_S
     decay = math.exp(-elapsed / _LAG_S)

@@ -9,8 +9,7 @@ from typing import NamedTuple
 from smarttac_can.plant.subjects import FORCE_REFERENCE, Subject
 
 SPEED_FLOOR = 1e-12
-"""Speed in m/s that avoids 0/0 in the effective vibration at rest, far below all relevant
-speeds."""
+"""Speed in m/s that avoids 0/0 in the effective vibration at rest, far below real speeds."""
 _REACH_GRID = 5
 
 

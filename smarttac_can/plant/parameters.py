@@ -124,20 +124,18 @@ class SensorParameters:
     drift_temperature: float = 20.0
     """Temperature in degC at which a gauge has its null [A]."""
     linearity: float = 0.22
-    """Bound of the bow of a gauge in N over :attr:`span` [L]; its slope without load is calibrated
+    """Bound of the bow of a gauge in N over :attr:`span` [L]; its slope at no load is calibrated
     [A]."""
     span: float = 14.7
     """Span of a gauge in N [L, FSS1500]."""
     gauge_noise: float = 4.3e-3
-    """Standard deviation of the noise of a gauge in N [A]: u(mu) is 0.011 at Fn = 0.5 N and mu =
-    0.4."""
+    """Standard deviation of a gauge in N [A]: u(mu) is 0.011 at Fn = 0.5 N and mu = 0.4."""
     pickup_noise: float = 1e-9
     """Standard deviation of the noise of each axis of the pick-up in m [A]."""
     pickup_window: float = 0.0
     """Time in s before the tick over which the pick-up averages, 0..0.001 [A]."""
     pickup_lag: float = 0.0
-    """Time constant in s of the low-pass filter after the demodulator of the pick-up, 0..0.01
-    [A]."""
+    """Time constant in s of the low-pass filter after the pick-up's demodulator, 0..0.01 [A]."""
     temperature_noise: float = 5e-3
     """Standard deviation of the noise of the thermometer in K [A]."""
     gauge_resolution: float = 1e-4

@@ -174,7 +174,6 @@ class Plate:
         return self._failing.measure(self.tick, measurement)
 
     def _plan_at(self, tick: int) -> PlatePlan:
-        """Return the plan with the gains of a failing pick-up at a tick."""
         gains = SOUND if self._failing is None else self._failing.gains(tick)
         if gains == SOUND:
             return self._plan

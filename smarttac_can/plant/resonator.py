@@ -11,8 +11,7 @@ from cmath import exp as exp_j
 from math import sqrt
 
 Response = tuple[complex, complex, complex, complex, complex]
-"""Exact step of the mode for a constant drive and load: a 2 x 2 matrix, and the equilibrium of W in
-m."""
+"""Exact step of the mode for constant drive and load: a 2 x 2 matrix, and the equilibrium in m."""
 
 
 def response(

@@ -170,8 +170,6 @@ def resume_master(rig: Rig) -> None:
 
 
 class _BrokenController:
-    """A cascade that replaces the voltage of the drive by a wrong one."""
-
     def __init__(self, cascade: Cascade, voltage: float) -> None:
         self.cascade = cascade
         self._voltage = voltage
@@ -343,8 +341,7 @@ class FaultCase(NamedTuple):
     bound: int
     """Cycles from the injection to the detection."""
     watchdog: Watchdog | None
-    """Watchdog that trips first in the stimulator; None if none does, as it restarts or is
-    paused."""
+    """Watchdog that trips first; None if none does, as the stimulator restarts or is paused."""
     inject: Act
     remove: Act
     modes: tuple[Mode, ...] = DRIVING
@@ -731,8 +728,8 @@ _FIRST: Final[Mapping[str, tuple[Watchdog, str]]] = {
     "pick-up d at 0.1, tracked": (Watchdog.PICKUP, _HUNTS),
     "pick-up d at 0.2, tracked": (Watchdog.PICKUP, _HUNTS),
 }
-"""Watchdog that trips first under the predictive laws, and why, if it differs from that under the
-paper's."""
+"""Watchdog that trips first under the predictive laws, if another one than under the paper's, and
+why."""
 
 
 def _predicted(given: Sequence[FaultCase]) -> tuple[FaultCase, ...]:

@@ -50,8 +50,7 @@ class HealthyRun:
     ended_by: str
     """Watchdogs that tripped, joined by +; empty if none did."""
     cause: str
-    """Cause of the trip in the true vibration of the plate; empty for none, which is a false
-    trip."""
+    """Cause of the trip in the true vibration of the plate; empty for a false trip."""
     after: int
     """Cycle of driving in which they tripped; -1 for none."""
     peak_um: float
@@ -66,8 +65,6 @@ class HealthyRun:
 
 
 class _Finger:
-    """A finger that slides to and fro, and may lift and land repeatedly."""
-
     __slots__ = ("_force", "_lifted", "_lifts", "_omega", "_period", "_press", "_travel")
 
     def __init__(self, draw: random.Random) -> None:
@@ -125,8 +122,6 @@ def _texture(draw: random.Random) -> TextureTable:
 
 
 class _Bench:
-    """A stimulator with the plate inside, used for one run after another."""
-
     def __init__(self) -> None:
         self.plate_block = PlateBlock(plate_od())
         self.od = stimulator_od()
@@ -202,8 +197,6 @@ def healthy_run(seed: int) -> HealthyRun:
 
 
 class _Still:
-    """A lifted finger."""
-
     def at(self, time: float) -> FingerState:  # noqa: ARG002 - the same at all times
         """Return the lifted state."""
         return FingerState(0.0, 0.0)
@@ -222,7 +215,6 @@ def _arm(block: StimulatorBlock, mode: Mode) -> None:
 
 
 def _driven(seed: int, draw: random.Random, bench: _Bench, what: str) -> HealthyRun:
-    """Drive with set-points that jump, and return the result."""
     block, od, plate = bench.block, bench.od, bench.plate_block.plate
     low = od["Limit.Lowest frequency"].value
     high = od["Limit.Highest frequency"].value

@@ -199,8 +199,7 @@ CALM: Final = {
 }
 """Kinds of frames outside of bursts, with their relative frequency."""
 OWN: Final = "identifier of the pair"
-"""Kind of the frames of a burst: any frame with an identifier that only one of the two nodes
-uses."""
+"""Kind of the frames of a burst: any frame with an identifier that belongs to one of the nodes."""
 
 _PAIR: Final = (STIMULATOR_ID, PLATE_ID)
 _OWN_IDS: Final = (
@@ -282,7 +281,6 @@ class HostileNode:
         return kind, frame
 
     def _bytes(self, length: int | None = None) -> bytes:
-        """Return random bytes; without a length it is drawn, too."""
         return self._draw.randbytes(
             self._draw.randint(0, FRAME_BYTES) if length is None else length
         )
@@ -350,8 +348,8 @@ def _spared(entry: Entry) -> bool:
 VOLTAGE_MAX: Final = 150.0
 """Bound of the stage voltage in V: the limit, which is never raised in a run."""
 AMPLITUDE_MAX: Final = 7.5e-6
-"""Bound of the vibration in m peak-to-peak: that of the bare plate at this voltage, as in the table
-of hazards."""
+"""Bound of the vibration in m peak-to-peak: that of the bare plate at this voltage; see the
+hazards."""
 CYCLES_PER_ACTION: Final = 2.0
 """Mean number of cycles from one action to the next."""
 ACTIONS_PER_BURST: Final = 12_500
@@ -481,7 +479,6 @@ class Hostile:
         return {first + n for first in starts for n in range(draw.randint(*BURST_ACTIONS))}
 
     def _observe(self) -> None:
-        """Check a cycle."""
         rig, report = self._rig, self._report
         self._invariants.check()
         volts = rig.stage.si_value

@@ -254,7 +254,6 @@ class Rig:
         return nodes if self.plate_port is None else [*nodes, (PLATE_ID, self.plate.od)]
 
     def _write_both(self, name: str, raw: int) -> None:
-        """Write to the plate node, if there is one, and to the stimulator."""
         self.write(name, raw)
         if self.plate_port is not None:
             self.master.write(STIMULATOR_ID, self.od[name], raw)

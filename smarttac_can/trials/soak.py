@@ -268,8 +268,7 @@ class SoakReport:
     latched: int = 0
     """Number of faults that ended in FAULT; the others ended in a restart."""
     tripped: dict[str, int] = field(default_factory=dict)
-    """Number of runs that random set-points ended, by the cause in the true vibration of the
-    plate."""
+    """Number of runs that random set-points ended, by the cause in the true vibration."""
     margins: Table = field(default_factory=dict)
     """Largest level of each watchdog while nothing was faulty, by mode; 1.0 is a fault."""
     tolerated: dict[str, int] = field(default_factory=dict)
@@ -518,7 +517,6 @@ class Soak:
             rig.cycle()
 
     def _begin(self) -> None:
-        """Start a run with another finger, and drive in a random mode."""
         rig, draw = self._rig, self._random
         self._watch.mode = mode = draw.choice(DRIVING)
         rig.write("Simulation.Seed", draw.randrange(2**32))
@@ -535,7 +533,6 @@ class Soak:
         self._report.runs += 1
 
     def _draw_setpoints(self) -> None:
-        """Write random set-points and laws, also while a run drives."""
         rig, draw = self._rig, self._random
         rig.write("Setpoint.Voltage", draw.randint(1000, 5000))
         rig.write("Setpoint.Frequency", 4_339_000 + draw.randint(-5000, 5000))
@@ -546,7 +543,6 @@ class Soak:
         rig.write("Controller.Vibration law", draw.choice(tuple(VibrationLaw)))
 
     def _touch(self) -> None:
-        """Stroke a finger under changing set-points, with traffic of the master."""
         for _ in range(self._random.randint(1, 6)):
             self._cycle(self._random.randint(100, 1500), traffic=0.05)
             if self._tripped("set-points"):
@@ -577,7 +573,6 @@ class Soak:
             self._recover()
 
     def _fault(self) -> None:
-        """Inject a fault during a run, check that the stage goes to 0 V, and recover."""
         case = self._random.choice([case for case in _USED if self._watch.mode in case.modes])
         self._cycle(450 if self._watch.mode is Mode.IDENTIFY else self._random.randint(300, 700))
         self._expect_no_fault("a stroke")
@@ -605,7 +600,6 @@ class Soak:
         return rig.state is State.RUNNING
 
     def _await_fault(self, case: FaultCase) -> None:
-        """Inject a fault, check for 0 V, and send traffic meanwhile."""
         rig = self._rig
         case.inject(rig)
         if not self._wait(case):
@@ -662,7 +656,6 @@ class Soak:
         self._tripped(case.name)
 
     def _restart_master(self) -> None:
-        """Stop the master, check for 0 V, restart it, and reset both nodes."""
         rig = self._rig
         self._cycle(self._random.randint(100, 600))
         self._expect_no_fault("a stroke")
@@ -678,7 +671,6 @@ class Soak:
         self._invariants.clear_history()
 
     def _recover(self) -> None:
-        """Start nodes that are stopped, and reset a latched fault."""
         rig = self._rig
         rig.nmt(NMTCommand.START)
         rig.configure()

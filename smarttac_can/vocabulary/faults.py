@@ -55,8 +55,7 @@ class FaultKind(IntEnum):
     OFFSET = 3
     """The value is added to the reading of the sensor."""
     GAIN = 4
-    """The gain of the sensor is the value in 0.1 %; for the pick-up it acts before the
-    converter."""
+    """The gain of the sensor is the value in 0.1 %, for the pick-up before its converter."""
     DEAD = 5
     """The sensor reads 0."""
     NOISE = 6

@@ -83,8 +83,7 @@ class Setpoint(NamedTuple):
 TARE_SAMPLES = 64
 """Number of samples averaged by a tare: the zero has an eighth of the noise of a sample."""
 KNOWN_WINDOW_MN: Final = 60
-"""Window in mN for the nulls of a known plate: 41 mN of drift over 15 K by the gauges' data sheet,
-and a reserve."""
+"""Window in mN for nulls of a known plate: 41 mN of drift over 15 K by the data sheet, and more."""
 TICK_US: Final = round(TICK * 1e6)
 """Period of the loop in us."""
 SHORT_DEADLINE_MS: Final = 3

@@ -49,8 +49,7 @@ class Law(NamedNumber):
     NOMINAL = 2
     """``W_ref = W_nominal + dW``: proportional action; it leaves a static error."""
     PREDICTIVE = 3
-    """``W_ref`` from the friction map of the finger, which is learned during the run; without
-    dW."""
+    """``W_ref`` from the friction map of the finger, learned during the run; without dW."""
 
 
 class VibrationLaw(NamedNumber):
@@ -62,8 +61,7 @@ class VibrationLaw(NamedNumber):
     SCHEDULED = 1
     """The same two PIs, designed for the plate under the present finger."""
     PREDICTIVE = 2
-    """One-step prediction with a plate model that is updated in each tick, including its dead
-    time."""
+    """One-step prediction with a plate model that is updated each tick, with its dead time."""
 
 
 LAWS: Final[Mapping[str, type[Law] | type[VibrationLaw]]] = {
@@ -116,8 +114,7 @@ class Status(IntFlag):
     """Bits of the statusword."""
 
     LIVE = 1 << 0
-    """The loop has cycles, so the values that are read are present ones, not those of a last
-    cycle."""
+    """The loop has cycles: the values that are read are those of the present cycle."""
     DRIVING = 1 << 1
     """The voltage is above 0."""
     TOUCHING = 1 << 2
