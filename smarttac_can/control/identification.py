@@ -44,7 +44,7 @@ W_PROBE = 0.15e-6
 OUT_OF_NOISE = 15.0
 """Amplitude that suffices for the steps, in standard deviations of the pick-up's noise."""
 LEAST_OUT_OF_NOISE = 5.0
-"""The same, if V_max does not allow more."""
+"""Such an amplitude if V_max does not allow more."""
 W_SWEEP = 0.8e-6
 """Amplitude in m at the middle of the sweep."""
 REST_TICKS = 80

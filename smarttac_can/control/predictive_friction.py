@@ -33,13 +33,13 @@ POLE: Final = 0.07
 """Fraction of a step of the reference left for the next tick. More friction stretches the skin. If
 that is faster than the finger slides, the skin sticks, and releases with an overshoot."""
 POLE_UNKNOWN: Final = 0.85
-"""The same before the first pair of plateaus, while the slope of the map is that of any finger."""
+"""Such a fraction before the first pair of plateaus, when the map is that of any finger."""
 GAIN_UNKNOWN: Final = 1.0
 """Fraction of an error that m0 takes over in the first tick of known sliding."""
 GAIN_FIRST: Final = 0.3
-"""The same in the next ticks, and after a turn."""
+"""Fraction of an error that m0 takes over in the next ticks, and after a turn."""
 GAIN_LAST: Final = 0.1
-"""The same in the long run."""
+"""Fraction of an error that m0 takes over in the long run."""
 GAIN_KEPT: Final = 0.9
 """Fraction of the difference between the two gains that is left after a tick."""
 QUIET: Final = 0.25
