@@ -30,8 +30,8 @@ from smarttac_can.vocabulary.states import Mode
 _IDENTIFY: Final = Mode.IDENTIFY
 """Module constant, as looking up an enumeration member takes ten times as long in every cycle."""
 WEIGHT_MIN: Final = 20e-3
-"""Normal force in N since the tare from which an identification has a remark. Its noise is 1.5 mN;
-the gauges of a sound plate may drift by as much in 2 K."""
+"""Normal force in N since the tare above which an identification adds a remark. Its noise is 1.5
+mN; the gauges of a sound plate may drift by this much in 2 K."""
 
 
 class Cascade:

@@ -53,13 +53,13 @@ PROBE_TICKS = 12
 PROBE_LEVELS = 10
 STEP_PAIRS = 4
 PHASE_MAX = 1.55
-"""Bound of the phase of W in rad: W_d is noise beyond it."""
+"""Bound of the phase of W in rad, beyond which W_d is only noise."""
 NEAR = 300.0
-"""Distance in Hz from where the steps were made to the resonance that they find, beyond which they
-are made again there."""
+"""Largest distance in Hz from the frequency of the steps to the resonance that they find. If it is
+larger, the steps are repeated at that resonance."""
 APPROACHES = 6
 TURN = 2.0 * math.pi / TICK
-"""What the detuning is known but for multiples of after a step, in rad/s."""
+"""Interval in rad/s: a step gives the detuning up to multiples of it."""
 SWEEP_POINTS = 17
 SWEEP_SETTLING = 7.0
 """Ticks after a change of frequency, in time constants."""
@@ -72,13 +72,11 @@ CHECK_SHARE = 0.5
 LINEAR = 0.05
 """Largest relative difference of gain and tau between both sweeps, in addition to the noise."""
 SAME = 1.25
-"""Ratio of the tau that a sweep finds to the one it was laid out for, up to which it counts."""
+"""Largest ratio of the tau that a sweep finds to the tau for which it was designed."""
 SOFTENING_MIN = 10e6
-"""Softening in Hz/m up to which a plate is taken to be linear; a plate whose softening is within
-the noise is linear as well."""
+"""Softening in Hz/m up to which a plate counts as linear, as it does if the noise explains it."""
 RESIDUAL_MAX = 0.05
-"""Largest relative deviation of the sweep from the model, beyond that of the noise, that is taken
-for a resonance."""
+"""Largest relative deviation of the sweep from a resonance, in addition to the noise."""
 RESIDUAL_NOISE = 5.0
 """Standard deviations of a point of the sweep that count as noise."""
 LOAD_KAPPA = 0.1
@@ -266,7 +264,7 @@ def _probe(
 def _steps(
     V: float, f: float, offset: complex, noise: float, pairs: int
 ) -> Generator[Drive, complex, tuple[float, float, float, StepResponse]]:
-    """Switch the voltage off and on, and return a first tau, f0, gain, and the response."""
+    """Switch the voltage off and on; return a first tau, f0 and gain, and the response."""
     holds: list[list[complex]] = []
     for _ in range(pairs):
         for voltage in (0.0, V):

@@ -1,4 +1,4 @@
-"""The response of the plate to a voltage that is switched: how fast it is, and when it is seen."""
+"""Response of the plate to a switched voltage: its time constant, and its delay."""
 
 from __future__ import annotations
 
@@ -9,34 +9,34 @@ from typing import Final, NamedTuple
 from smarttac_can.vocabulary.signals import TICK
 
 STEP_TICKS: Final = 24
-"""Ticks between two switches after which all of it is seen."""
+"""Ticks between two switches, in which the response settles."""
 _A_MIN: Final = 1e-5
 _A_MAX: Final = math.exp(-TICK / 1e-2)
 """Bounds of abs(A): lags of 0.09 ms, far too short for the tick, and of 10 ms."""
 _DELAY_MAX: Final = 100e-6
-"""Largest difference in s, beyond that of the noise, between the delay and the dead time."""
+"""Largest difference in s between the delay and the dead time, in addition to the noise."""
 _NOISE: Final = 5.0
-"""Standard uncertainties of the delay that are taken for noise."""
+"""Number of standard uncertainties of the delay that count as noise."""
 
 
 class StepResponse(NamedTuple):
-    """What the vibration does after a switch of the voltage."""
+    """Response of the vibration to a switch of the voltage."""
 
     A: complex
-    """Share of a deviation that is left after a tick, turned by the detuning."""
+    """Fraction of a deviation that is left after a tick, rotated by the detuning."""
     W: complex
-    """Steady vibration in m at the voltage."""
+    """Vibration in m in steady state at the voltage."""
     tau: float
     """Time constant in s without the bias of noise."""
     delay: float
-    """Time in s from a measurement until the drive that answers it is seen. Half of the pick-up's
+    """Time in s from a measurement until its drive shows in the vibration. Half of the pick-up's
     window counts as delay."""
     unsure: float
     """Standard uncertainty of the delay in s."""
 
     @property
     def tolerance(self) -> float:
-        """How far in s the dead time that is written may be from the delay."""
+        """Largest difference in s of a correct dead time from the delay."""
         return _DELAY_MAX + _NOISE * self.unsure
 
 
@@ -45,22 +45,22 @@ def step_response(
 ) -> StepResponse:
     """Return the response to a voltage that is switched off and on.
 
-    Two ticks after a switch ``e^(-(2 Ts - delay)/tau)`` of it is left.
+    Two ticks after a switch the fraction ``e^(-(2 Ts - delay)/tau)`` of the change is left.
 
     Parameters
     ----------
     holds
-        Vibration in m in each tick from the first after a switch, off and on in turn; the first one
-        begins from any voltage.
+        Vibration in m in each tick from the first after a switch, off and on in turn. Before the
+        first hold the voltage is arbitrary.
     offset
-        Vibration in m that is read while it is off.
+        Reading of the vibration in m at rest.
     noise
-        Standard deviation in m of an axis of the pick-up.
+        Standard deviation in m of each axis of the pick-up.
 
     Raises
     ------
     ValueError
-        If the vibration does not decay.
+        The vibration does not decay.
     """
     product, square, next_square = 0j, 0.0, 0.0
     driven: list[tuple[complex, complex]] = []
