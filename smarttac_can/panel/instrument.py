@@ -36,7 +36,7 @@ _SIMULATED_S: Final = 0.01
 _HEARD_S: Final = 0.02
 _CYCLE_S: Final = 1e-3
 _MOST_CYCLES: Final = 100
-"""What a simulation makes up for at once; a machine that is slower lets its time pass slower."""
+"""Most cycles simulated in one step; on a slower machine the simulated time passes slower."""
 _MOST_WAITING: Final = 4
 """Most lines in the queue: a user may enter a value and click before it is written."""
 _FAULTS: Final[Mapping[str, tuple[FaultKind, int, int]]] = {
@@ -101,10 +101,10 @@ class Lease:
 
 
 class Seen(NamedTuple):
-    """What an instrument showed at one instant."""
+    """State of an instrument at one instant."""
 
     at: float
-    """In s of `time.monotonic`."""
+    """Time in s of `time.monotonic`."""
     view: View
 
 
@@ -125,11 +125,11 @@ class Instrument(Background, ABC):
     Attributes
     ----------
     textures
-        What each of its textures is, where that is known.
+        Descriptions of its textures, if known.
     lease
-        Who may command it.
+        Right of a page to command it.
     seen
-        What it showed last; None at the beginning.
+        Last state; None at the beginning.
     answer
         Result of the last command.
     """

@@ -106,7 +106,7 @@ class Panel:
 
     @property
     def alive(self) -> bool:
-        """Whether its instrument goes on."""
+        """Whether its instrument still runs."""
         return self._instrument.alive
 
     def app(self) -> web.Application:
@@ -162,7 +162,7 @@ class Panel:
         return socket
 
     def _make_room(self) -> None:
-        """Give up the page that came first of those without the token; its sender closes it."""
+        """Drop the oldest page without the token; its sender closes it."""
         for socket, page in self._pages.items():
             if not page.trusted:
                 del self._pages[socket]
@@ -302,14 +302,14 @@ async def serve(panel: Panel, host: str, port: int, listening: Callable[[int], N
     Parameters
     ----------
     host, port
-        Where it listens; port 0 is any that is free.
+        Address and port to listen at; port 0 selects any free port.
     listening
-        Called with the port as soon as it listens.
+        Function that is called with the port as soon as the server listens.
 
     Raises
     ------
     OSError
-        If it cannot listen there.
+        The server cannot listen there.
     """
     logger = logging.getLogger(__name__)
     logger.addFilter(_is_defect)
