@@ -31,9 +31,12 @@ def test_the_host_s_own_browser_serves(tmp_path: Path) -> None:
 
 def test_what_was_fetched_serves(tmp_path: Path) -> None:
     usr = tmp_path / "cache" / "smarttac-can" / "chromium" / "usr"
-    (usr / "lib" / "some-linux-gnu").mkdir(parents=True)
+    usr.mkdir(parents=True)
     executable(tmp_path, "show", 'echo "$CHROMIUM" "$BROWSER_LIBRARIES"')
+    done = run(tmp_path, "show")
+    assert done.stdout == f"{usr}/lib/chromium/chromium \n", "the host has all libraries"
     libraries = usr / "lib" / "some-linux-gnu"
+    libraries.mkdir(parents=True)
     done = run(tmp_path, "show")
     assert done.stdout == f"{usr}/lib/chromium/chromium {libraries}:{libraries}/pulseaudio\n"
 
