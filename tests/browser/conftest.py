@@ -20,6 +20,7 @@ from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.remote.webelement import WebElement
 
 from smarttac_can.panel.instrument import Instrument
 from smarttac_can.panel.server import Panel, serve
@@ -106,6 +107,11 @@ class Tab:
 
     def lift(self) -> None:
         ActionChains(self.driver).release().perform()
+
+    def point(self, element: WebElement, x: int) -> None:
+        """Move the mouse to the middle of an element's height, x pixels right of its left edge."""
+        mouse = ActionChains(self.driver, duration=0)
+        mouse.move_to_element_with_offset(element, x - element.size["width"] // 2, 0).perform()
 
     def press_space(self) -> None:
         ActionChains(self.driver).send_keys(" ").perform()

@@ -31,6 +31,24 @@ ATTEMPTS = 4
 """In one of which a busy machine lets a thread have its turn in time."""
 TICK, VOLTAGE = (RECORDED.index(name) for name in ("Contact.Tick", "Vibration.Voltage"))
 
+FORCES = ("Normal force", "Tangential force")
+WATCH_CHARTS = """
+const pixels = () => [...charts.children].map(chart =>
+  chart.getContext("2d").getImageData(0, 20, chart.width, chart.height - 40).data);
+const held = pixels(), write = CanvasRenderingContext2D.prototype.fillText;
+window.changed = () => pixels().map((now, number) => {
+  const changed = [...now.keys()].filter(place => now[place] !== held[number][place]);
+  return [...new Set(changed.map(place => (place >> 2) % charts.children[number].width))];
+});
+window.words = [];
+CanvasRenderingContext2D.prototype.fillText = function (said, ...place) {
+  words.push([[...charts.children].indexOf(this.canvas), said]);
+  write.call(this, said, ...place);
+};
+"""
+"""Has `changed` return the columns of each chart, below its title, that differ from now on, and
+`words` hold what is written into which chart."""
+
 
 def voltage(bench: SimulatedBench) -> float:
     assert bench.seen is not None
@@ -135,6 +153,47 @@ def test_charts_move_pause_and_are_saved(browser: Tab) -> None:
         width, height = struct.unpack(">II", picture[16:24])
         assert width > 700
         assert height > 600
+
+
+def test_the_cursor_is_under_the_mouse_in_all_charts_and_shows_their_values(browser: Tab) -> None:
+    with served(SimulatedBench()) as url:
+        browser.open(url)
+        browser.click("Strokes by itself")
+        browser.click("friction")
+        browser.until(lambda: browser.values().get("Contact.COF"))
+        sleep(4.0)
+        browser.click("Pause")
+        run = browser.driver.execute_script
+        run(WATCH_CHARTS)
+        chart = browser.driver.find_element(By.CSS_SELECTOR, "#charts canvas")
+        left, width = 52, chart.size["width"] - 60
+        pixel_s = 60.0 / width
+        for ago in (1.0, 3.0):
+            place = round(left + (1.0 - ago / 60.0) * width)
+            run("words.length = 0")
+            browser.point(chart, place)
+            at = re.fullmatch(r"cursor at (-\d\.\d) s", browser.text("cursor"))
+            assert at
+            assert float(at[1]) == pytest.approx(-ago, abs=2 * pixel_s)
+            for columns in run("return changed()"):
+                assert columns
+                assert all(abs(column - place) <= 2 for column in columns)
+            words = run("return words")
+            near = run(
+                "return samples.map(({t, values}) => [t - newest(), values])"
+                ".filter(([t]) => Math.abs(t - arguments[0]) < .2)",
+                float(at[1]),
+            )
+            for number, names in ((0, ("COF", "COF reference")), (4, FORCES)):
+                shown = [said for of, said in words if of == number][-1]
+                assert shown in [
+                    "  ".join(f"{values[f'Contact.{name}']:.3f}" for name in names)
+                    for _, values in near
+                ]
+        browser.picture("cursor")
+        browser.point(browser.driver.find_element(By.ID, "answer"), 5)
+        assert not browser.text("cursor")
+        assert run("return changed()") == [[]] * 5
 
 
 def test_laws_and_texture_are_what_is_set(browser: Tab) -> None:
