@@ -1,13 +1,12 @@
 """Sweep the failures of the sensors, sum them up in tools/fmeda.json, and write its pages anew.
 
     python tools/fmeda.py [--fine] [--random N] [--healthy N] [--seed SEED]
-    python tools/fmeda.py --softening
     python tools/fmeda.py --check
 
 What is run: the coarse sweep of `smarttac fmeda`, a minute of processor time, runs without a
 failure, and what is asked for besides; then the coarse sweep on plates that soften and were
-identified. With --softening only these are run, and the rest of the file stays. A check runs the
-coarse sweep alone: it has to keep the promise, and to come to what the file says.
+identified. A check runs the coarse sweep alone: it has to keep the promise, and to come to what the
+file says.
 
 Example: python tools/fmeda.py --fine --healthy 5000 --seed 7
 """
@@ -63,15 +62,6 @@ def swept(name: str, seed: int, cells: Sequence[Cell]) -> tuple[dict[str, Any], 
     }, results
 
 
-def softened_sweeps() -> list[dict[str, Any]]:
-    """Run the coarse sweep on plates that soften, and return what the file says of each."""
-    coarse = grid_cells(COARSE_SEED)
-    return [
-        swept(f"coarse, {each:g} Hz/um", COARSE_SEED, softened(coarse, each))[0]
-        for each in SOFTENINGS
-    ]
-
-
 def healthy_runs(count: int, seed: int) -> dict[str, Any]:
     """Run without a failure; return what the file says of it."""
     with progress_bar("healthy runs") as progress:
@@ -101,19 +91,13 @@ def check() -> int:
     "--healthy", type=click.IntRange(min=1), default=100, help="So many runs without a failure."
 )
 @click.option("--seed", type=click.IntRange(min=0), default=COARSE_SEED, help="Of all of these.")
-@click.option("--softening", is_flag=True, help="The plates that soften alone.")
 @click.option("--check", "checks", is_flag=True, help="Write nothing.")
-def main(
-    *, fine: bool, drawn: int | None, healthy: int, seed: int, softening: bool, checks: bool
-) -> None:
+def main(*, fine: bool, drawn: int | None, healthy: int, seed: int, checks: bool) -> None:
     """Write summary and pages; exit with 1 if a promise is broken, or the summary is stale."""
     if checks:
         sys.exit(check())
-    if softening:
-        before = json.loads(SUMMARY.read_text(encoding="utf-8"))
-        before["sweeps"] = [each for each in before["sweeps"] if "Hz/um" not in each["name"]]
-        sys.exit(_written(before))
-    asked = [("coarse", COARSE_SEED, grid_cells(COARSE_SEED))]
+    coarse = grid_cells(COARSE_SEED)
+    asked = [("coarse", COARSE_SEED, coarse)]
     if fine:
         asked.append(("fine", seed, grid_cells(seed, fine=True)))
     if drawn is not None:
@@ -123,6 +107,9 @@ def main(
         said, found = swept(*sweep)
         sweeps.append(said)
         results += found
+    for each in SOFTENINGS:  # not in the sums below
+        cells = softened(coarse, each)
+        sweeps.append(swept(f"coarse, {each:g} Hz/um", COARSE_SEED, cells)[0])
     runs = healthy_runs(healthy, seed)
     made = {
         "command": " ".join(
@@ -139,19 +126,11 @@ def main(
         "factors": {factor: summary(results, row_of_factor(factor)) for factor in FACTORS},
         "healthy": runs,
     }
-    sys.exit(_written(made))
-
-
-def _written(made: dict[str, Any]) -> int:
-    """Add the plates that soften, write summary and pages, and return the exit code."""
-    sweeps = made["sweeps"]
-    sweeps += softened_sweeps()
     SUMMARY.write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
     write_pages()
-    cells, broken = (sum(sweep[name] for sweep in sweeps) for name in ("cells", "violations"))
-    false = made["healthy"]["false"]
-    print(f"{cells} cells, {broken} violations; {false} false trips")
-    return 1 if broken or false else 0
+    run, broken = (sum(sweep[name] for sweep in sweeps) for name in ("cells", "violations"))
+    print(f"{run} cells, {broken} violations; {runs['false']} false trips")
+    sys.exit(1 if broken or runs["false"] else 0)
 
 
 if __name__ == "__main__":

@@ -14,7 +14,13 @@ from click.core import ParameterSource
 
 from smarttac_can.bench.simulation import LinkName
 from smarttac_can.bench.traces import Trace, read_csv
-from smarttac_can.campaign.runner import ClusterError, Record, RecordError, run_campaign
+from smarttac_can.campaign.runner import (
+    ClusterError,
+    Progress,
+    Record,
+    RecordError,
+    run_campaign,
+)
 from smarttac_can.campaign.summary import FILES as CAMPAIGN_FILES
 from smarttac_can.campaign.summary import PICTURE, as_json, lines, summary, write_folder
 from smarttac_can.cli.shared import (
@@ -146,11 +152,11 @@ def demo(seed: int, output: Path | None) -> None:
     show_default=True,
     help="With CANopen nodes on a virtual bus, or by function calls: the same numbers.",
 )
-@law_option("--law", Law, "What the step of eq. (9) is added to, or predictive.")
+@law_option("--law", Law, "How the amplitude follows the COF; predictive is not the paper's.")
 @law_option(
     "--vibration-law",
     VibrationLaw,
-    "How amplitude and resonance are regulated; pi is the paper's.",
+    "How amplitude and resonance are controlled; pi is the paper's.",
 )
 @click.option(
     "--load",
@@ -269,12 +275,15 @@ _FINGERS_MAX = 1_000_000
 )
 @seed_option("Seed of the fingers, their motion and the noise.")
 @law_option(
-    "--law", Law, "Friction law; given again, the same fingers under another.", multiple=True
+    "--law",
+    Law,
+    "How the amplitude follows the COF; repeat it to run the same fingers with other laws.",
+    multiple=True,
 )
 @law_option(
     "--vibration-law",
     VibrationLaw,
-    "How amplitude and resonance are regulated; given again, one for each --law.",
+    "How amplitude and resonance are controlled; give it once for all --law, or once for each.",
     multiple=True,
 )
 @dead_time_option
@@ -283,7 +292,8 @@ _FINGERS_MAX = 1_000_000
     type=click.Choice(PLATES),
     default=PLATES[0],
     show_default=True,
-    help="The model's plate, or random ones; identified: of which the laws know what matters.",
+    help="model: the default plate; varied: random plates; identified: the same random plates, "
+    "with gain, Q, softening and delay known to the laws.",
 )
 @click.option(
     "--case",
@@ -359,38 +369,36 @@ def campaign(
         folder = (
             None if output is None else stack.enter_context(result_folder(output, CAMPAIGN_FILES))
         )
-        records: list[Record | None] = [None] * len(campaigns)
-        if resume is not None:
-            kept = zip(_kept(resume, campaigns), campaigns, strict=True)
-            records = [stack.enter_context(Record(*one)) for one in kept]
+        records = _records(stack, resume, campaigns)
         progress = stack.enter_context(progress_bar("campaign"))
-        results, rows = [], []
-        for number, (chosen, record) in enumerate(zip(campaigns, records, strict=True)):
-
-            def show(share: float, done: int = number) -> None:
-                progress((done + share) / len(campaigns))
-
-            result = run_campaign(
+        results = [
+            run_campaign(
                 chosen,
                 fingers,
                 workers=workers or os.cpu_count() or 1,
                 cluster=cluster,
                 record=record,
-                progress=show,
+                progress=_share_of(progress, number, len(campaigns)),
             )
-            if result.compiled is None:
-                click.echo(
-                    f"some of the fingers in {resume} were run without numba, others with it: "
-                    "their last digits may differ from those of one run",
-                    err=True,
-                )
-            results.append(summary(chosen, result))
-            rows.append(result.rows)
+            for number, (chosen, record) in enumerate(zip(campaigns, records, strict=True))
+        ]
+        if any(result.compiled is None for result in results):
+            click.echo(
+                f"some of the fingers in {resume} were run without numba, others with it: "
+                "their last digits may differ from those of one run",
+                err=True,
+            )
+        summaries = [summary(*one) for one in zip(campaigns, results, strict=True)]
         if folder is not None:
-            write_folder(folder, results, rows)
-        report_results(as_json(results), lines(results), results_file)
+            write_folder(folder, summaries, [result.rows for result in results])
+        report_results(as_json(summaries), lines(summaries), results_file)
     if output is not None:
         click.echo(f"picture: {output / PICTURE}", err=json_file == Path("-"))
+
+
+def _share_of(progress: Progress, number: int, count: int) -> Progress:
+    """Return a function that reports the progress of one of `count` runs as that of all."""
+    return lambda share: progress((number + share) / count)
 
 
 def _pairs(laws: list[Law], vibration_laws: list[VibrationLaw]) -> list[tuple[Law, VibrationLaw]]:
@@ -411,9 +419,15 @@ def _pairs(laws: list[Law], vibration_laws: list[VibrationLaw]) -> list[tuple[La
     return pairs
 
 
-def _kept(resume: Path, campaigns: list[Campaign]) -> list[Path]:
-    """Return the file that keeps each campaign: with its laws in the name if there are several."""
-    if len(campaigns) == 1:
-        return [resume]
-    laws = (f"{one.law.name}-{one.vibration_law.name}".lower() for one in campaigns)
-    return [resume.with_name(f"{resume.name}.{name}") for name in laws]
+def _records(
+    stack: ExitStack, resume: Path | None, campaigns: list[Campaign]
+) -> list[Record | None]:
+    """Open the file that keeps each campaign: with its laws in the name if there are several."""
+    if resume is None:
+        return [None] * len(campaigns)
+    files = [resume]
+    if len(campaigns) > 1:
+        laws = (f"{one.law.name}-{one.vibration_law.name}".lower() for one in campaigns)
+        files = [resume.with_name(f"{resume.name}.{name}") for name in laws]
+    pairs = zip(files, campaigns, strict=True)
+    return [stack.enter_context(Record(file, one)) for file, one in pairs]

@@ -251,14 +251,14 @@ class Cascade:
         if identification.model is None:
             self._turn_off(f"identification: {identification.failure}")
             return self._state.drive
-        self._turn_off("; ".join(filter(None, (identification.remark, self._weight()))))
+        self._turn_off("; ".join(filter(None, (identification.remark, self._remark_on_weight()))))
         # The load is not identified, and f0 depends on the temperature.
         self.adopt(
             replace(identification.model, load=self.model.load, temperature=measurement.temperature)
         )
         return self._state.drive
 
-    def _weight(self) -> str:
+    def _remark_on_weight(self) -> str:
         """Return a remark on a weight since the tare, too light for a contact; empty for none."""
         weight = sum(self.null()[2:]) - sum(self._plan.zero[2:])
         if not self.tared or weight < WEIGHT_MIN:

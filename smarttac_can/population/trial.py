@@ -321,8 +321,6 @@ class Campaign:
 
 def parameters_of(campaign: Campaign, plate: Plate) -> CascadeParameters:
     """Return the parameters of the controllers for a plate, with their assumed dead time."""
-    if not plate.excess:
-        return campaign.parameters
     assumed = min(max(campaign.dead_time + plate.excess, 0.0), _DEAD_TIME_MAX)
     return replace(campaign.parameters, dead_time=assumed)
 

@@ -1,4 +1,4 @@
-""""""
+"""A campaign that is run: rows that do not depend on who runs them, and workers that fail."""
 
 import subprocess
 import sys

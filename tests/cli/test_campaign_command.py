@@ -173,3 +173,13 @@ def test_it_goes_on_after_numba_was_installed(
     again = json.loads(succeed(*some, "1"))
     assert again["rows_sha256"] == plain["rows_sha256"]
     assert again["compiled"] is False
+
+
+def test_several_laws_say_once_that_some_fingers_were_run_without_numba(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    mixed = runner.run_campaign(trial.Campaign(), 1)._replace(compiled=None)
+    monkeypatch.setattr(command, "run_campaign", lambda *_, **__: mixed)
+    result = run(*FEW, "--law", "measured", "--law", "predictive", "--json", "-")
+    assert result.exit_code == 0, result.stderr
+    assert result.stderr.count("were run without numba") == 1

@@ -1,4 +1,4 @@
-"""Every fault in one mode and under both laws predictive: 0 V in time, and back after a reset.
+"""Every fault in one mode, some under both predictive laws: 0 V in time, and back after a reset.
 
 ``tools/faults.py --check`` runs each in every mode that drives.
 """
@@ -120,23 +120,23 @@ TO_SHOW = {
     **{f"{axes} at 0.4": 23 for axes in ("pick-up", "pick-up d")},
     **{f"pick-up d at {gain}, tracked": 10 for gain in (0.05, 0.1, 0.2)},
 }
-"""Cycles until a watchdog can see its cause; what `WATCHDOGS` says counts from there on."""
+"""Cycles until a watchdog can see its cause; its bound in `WATCHDOGS` counts from then on."""
 SWUNG = {("pick-up d at 0.05, tracked", Mode.TEXTURE): 18}
-"""The same where a texture takes the vibration to where no phase is judged."""
+"""The same in mode TEXTURE, where the vibration passes amplitudes at which no phase is judged."""
 UNLATCHED = {
     "stimulator restarts": State.NOT_READY,
     "stimulator restarts, plate inside": State.NOT_READY,
     "stimulator paused for 2 s": State.RUNNING,
 }
-"""State of a stimulator that cannot know of the fault."""
+"""State of the stimulator after faults that it cannot know of."""
 UNHEARD = (
     "NMT stop", "NMT stop, plate inside", "a node babbles", "bus-off", "transmit queue full"
 )  # fmt: skip
-"""Faults that keep the emergency message from the bus until they are over."""
+"""Faults that hold the emergency message back until they are over."""
 LOST = ("bus-off",)
-"""Faults with which it is lost."""
+"""Faults that lose the emergency message."""
 CROWDED = ("clock of the stimulator jumps",)
-"""Faults with more messages after the first one than the history holds."""
+"""Faults followed by so many others that the error history no longer holds the first."""
 RESETTABLE = (
     "master boots again",
     "bus-off",
@@ -158,8 +158,10 @@ RESETTABLE = (
     *(f"pick-up d at {gain}" for gain in (0.05, 0.1, 0.2, 0.3, 0.4)),
     *(f"pick-up d at {gain}, tracked" for gain in (0.05, 0.1, 0.2)),
 )
-"""Faults that are over after a while or an NMT start, that do not show at 0 V, or through which
-no reset gets."""
+"""Lasting faults with which a reset is not tried before they are removed.
+
+They are over after a while or after an NMT start, do not show at 0 V, or let no reset through.
+"""
 ROWS = [
     *((case, case.modes[number % len(case.modes)]) for number, case in enumerate(CASES)),
     *((case, Mode.FRICTION) for case in PREDICTED[::3]),
@@ -190,7 +192,7 @@ def assert_at_0_v_in_time(rig: Rig, case: FaultCase, mode: Mode) -> None:
 
 
 def assert_told(rig: Rig, case: FaultCase, mode: Mode, frames: list[Frame]) -> None:
-    """The objects and one emergency message say what has tripped first."""
+    """Check that the objects and one emergency message say what has tripped first."""
     watchdog = case.trips(mode)
     if watchdog is None:
         assert rig.state is UNLATCHED[case.name]
@@ -207,7 +209,8 @@ def assert_told(rig: Rig, case: FaultCase, mode: Mode, frames: list[Frame]) -> N
     if case.name in UNHEARD:
         assert not found
         return
-    (emcy,) = found
+    assert len(found) == 1
+    emcy = found[0]
     assert emcy[2] & row.register
     assert emcy[2] & 1
     assert emcy[3] == watchdog
@@ -216,7 +219,7 @@ def assert_told(rig: Rig, case: FaultCase, mode: Mode, frames: list[Frame]) -> N
 
 
 def random_traffic(rig: Rig, case: FaultCase, cycles: int) -> None:
-    """A master that does what it can to have the plate driven, but reset the fault."""
+    """Send all that could have the plate driven, but no reset of the fault."""
     draw = random.Random(1)
     commands = not case.forgets
     traffic = MasterTraffic(rig, 1, commands=commands)

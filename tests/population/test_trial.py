@@ -162,6 +162,12 @@ def test_the_laws_assume_the_dead_time_of_the_plate(excess, assumed):
     assert parameters.dead_time * 1e6 == pytest.approx(assumed)
 
 
+@pytest.mark.parametrize("dead_time", [0.0, 540e-6, 999e-6])
+def test_the_laws_of_the_model_plate_have_the_parameters_of_the_campaign(dead_time):
+    campaign = Campaign(dead_time=dead_time)
+    assert parameters_of(campaign, MODEL_PLATE) == campaign.parameters
+
+
 def test_a_plate_that_is_drawn_takes_part_in_every_case():
     drawn = draw_plate(3, 1, "varied")
     plate = plate_of(CASES["path-slower"], drawn)
