@@ -11,9 +11,10 @@ from line import DRIVE
 from smarttac_can.bench.simulation import PLATE_ID
 from smarttac_can.control.cascade import Cascade
 from smarttac_can.device.frame import Frame
+from smarttac_can.nodes.bus_loop import LateAnswers
 from smarttac_can.vocabulary.signals import Drive, Measurement, Setpoint
-from smarttac_can.vocabulary.states import Mode
-from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
+from smarttac_can.vocabulary.states import Mode, State
+from smarttac_can.vocabulary.watchdogs import UNSEEN_CYCLES, WATCHDOGS, Watchdog
 
 VALUE, TOO_HIGH, TOO_LOW = 0x06090030, 0x06090031, 0x06090032
 
@@ -38,6 +39,25 @@ def test_a_limit_that_is_lowered_is_in_force_in_the_next_cycle(
     rig.write(f"Limit.{name}", high)
     rig.cycle(2)
     assert reset_fault(rig) == 0
+
+
+def test_late_drives_that_may_make_more_vibration_than_a_lower_limit_end_a_run(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """In time the drive is cut to the limit; a late one leaves in force what was sent before."""
+    rig = driven()
+    rig.write("Limit.Amplitude by drive", 500)
+    rig.cycle(20)
+    assert rig.state is State.RUNNING
+    monkeypatch.setattr(LateAnswers, "late", lambda *_: True)
+    rig.write("Limit.Amplitude by drive", 100)
+    rig.cycle(UNSEEN_CYCLES - 1)
+    assert rig.state is State.RUNNING
+    rig.cycle()
+    assert rig.state is State.FAULT
+    assert rig.od["Diagnosis.Code"].value == WATCHDOGS[Watchdog.UNSEEN].code
+    assert rig.od["Diagnosis.Latched"].value == 1 << Watchdog.UNSEEN
+    assert rig.stage.read() == 0
 
 
 @pytest.mark.parametrize(
