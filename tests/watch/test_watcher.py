@@ -8,11 +8,11 @@ import pytest
 from smarttac_can.bench.simulation import attach_nodes, plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.local_bus import LocalBus
-from smarttac_can.master.local_master import LocalMaster
 from smarttac_can.master.requests import nmt
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import NMTCommand
+from smarttac_can.trials.rig import LocalMaster
 from smarttac_can.vocabulary.watchdogs import Watchdog
 from smarttac_can.watch.screen import LEAST_COLUMNS, LEAST_LINES, lines
 from smarttac_can.watch.watcher import PUBLISHED, READ, PublishedValues, View, Watcher, view_of
