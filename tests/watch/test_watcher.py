@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from smarttac_can.bench.simulation import attach_nodes, plate_od, stimulator_od
+from smarttac_can.bench.simulation import lockstep_nodes, plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.local_bus import LocalBus
 from smarttac_can.master.requests import nmt
@@ -183,7 +183,8 @@ def test_a_plate_node_is_shown_beside_it() -> None:
     watcher = Watcher(stimulator_od(), plate_od())
     bus.connect(lambda frame: watcher.receive(bus.time * 1e-6, frame))
     master = LocalMaster(bus, lambda frame: None)
-    attach_nodes(bus, plate_inside=False, presets={})
+    for node in lockstep_nodes(plate_inside=False, presets={}):
+        bus.attach(node)
     for node_id in (33, 32):
         master.send(nmt(NMTCommand.START, node_id))
     watcher.advance(0.0)
