@@ -53,7 +53,7 @@ from smarttac_can.cli.shared import (
     timeout_option,
 )
 from smarttac_can.commissioning.node_ids import wait_until
-from smarttac_can.commissioning.scan import STATES, UNKNOWN
+from smarttac_can.device.nmt import UNKNOWN, state_text
 from smarttac_can.host.files import result_file
 from smarttac_can.master.errors import BenchError
 from smarttac_can.nodes.lock import watched_node
@@ -223,7 +223,7 @@ def _entered(device: RemoteDevice) -> Iterator[_Watch]:
 
 def _nmt(device: RemoteDevice) -> str:
     wait_until(lambda: device.heartbeat_at is not None, _HEARTBEATS_WAITED * device.heartbeat_s)
-    return STATES.get(device.state, UNKNOWN) if device.heartbeat_at is not None else UNKNOWN
+    return state_text(device.state) if device.heartbeat_at is not None else UNKNOWN
 
 
 def _state(device: RemoteDevice) -> dict[str, Any]:
