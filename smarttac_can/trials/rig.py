@@ -289,11 +289,11 @@ class Rig:
         self.write("Controlword", Control.FAULT_RESET)
         self.write("Controlword", 0)
 
-    def inject(self, kind: int, sensor: int = 1, value: int = 0, delay: int = 0) -> None:
+    def inject(self, kind: int, sensor: int = 1, value: int = 0) -> None:
         """Inject a fault of the simulated plate."""
         self.write("Fault.Sensor", sensor)
         self.write("Fault.Value", value)
-        self.write("Fault.Delay in cycles", delay)
+        self.write("Fault.Delay in cycles", 0)
         self.write("Fault.Kind", kind)
 
     def mend(self) -> None:
