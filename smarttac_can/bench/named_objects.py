@@ -231,7 +231,7 @@ class NamedObjects:
         """
         self._write(name, self._raw(name, value))
 
-    def _set_all(self, values: Mapping[str, float | str]) -> None:
+    def set_all(self, values: Mapping[str, float | str]) -> None:
         """Write objects by name, in this order; if one is refused, none is changed.
 
         Parameters
@@ -383,7 +383,7 @@ class BothSides(property):
                 raise ValueError(f"cof {cof!r} is neither a number nor a pair, left and right")
             left, right = (in_unit("cof", side, "") for side in pair)
             values = {"Setpoint.COF left": left, "Setpoint.COF right": right}
-            bench._set_all(values)  # noqa: SLF001 - of the class whose property it is
+            bench.set_all(values)
 
         super().__init__(read, write)
         self.__doc__ = text

@@ -118,7 +118,7 @@ class Stimulator(NamedObjects):
         # Whether the state was FAULT when it was last read.
         self._knows_fault = False
         self._recording: Recording | None = None
-        self.finger = SimulatedFinger(self.get, self._set_all)
+        self.finger = SimulatedFinger(self.get, self.set_all)
 
     @property
     def mode(self) -> Mode:

@@ -291,10 +291,14 @@ class SimulatedBench(Instrument):
         if what not in _FAULTS:
             raise ValueError(f"{what!r} is none of: {', '.join(FAULTS)}")
         kind, sensor, value = _FAULTS[what]
-        of_fault = {"Fault.Sensor": sensor, "Fault.Value": value, "Fault.Delay in cycles": 0}
-        for name, raw in of_fault.items():
-            self._stimulator.set(name, raw)
-        self._stimulator.set(FAULT_KIND, int(kind))
+        self._stimulator.set_all(
+            {
+                "Fault.Sensor": sensor,
+                "Fault.Value": value,
+                "Fault.Delay in cycles": 0,
+                FAULT_KIND: int(kind),
+            }
+        )
 
 
 class BusInstrument(Instrument):
