@@ -195,7 +195,7 @@ def _shown(entry: Entry, raw: object) -> str:
             elif bits:
                 parts.append(field.name)
         return "+".join(parts) or "0"
-    return f"{raw * float(entry.unit.number):.12g} {entry.unit.symbol}".rstrip()
+    return entry.shown(raw)
 
 
 def _node_eds(

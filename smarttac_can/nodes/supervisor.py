@@ -72,9 +72,7 @@ class FaultMemory:
 
 
 def _shown(entry: Entry) -> str:
-    name = entry.name.rpartition(".")[2]
-    number = entry.value * float(entry.unit.number)
-    return f"{name} {number:.10g} {entry.unit.symbol}".rstrip()
+    return f"{entry.name.rpartition('.')[2]} {entry.shown(entry.value)}"
 
 
 # Needed in every cycle: module constants, as looking up an enumeration member is much slower.
