@@ -74,7 +74,7 @@ def assign_node_id(
     identity: Identity | None,
     store: bool,
     timeout: float,
-    force: bool = False,
+    force: bool,
 ) -> Assigned:
     """Assign a node-ID to a device and let it start with that.
 

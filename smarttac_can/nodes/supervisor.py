@@ -61,7 +61,7 @@ class FaultMemory:
         for place, line in zip(self._places, self.lines, strict=False):
             place.value = line
 
-    def note(self, code: int, text: str, circumstances: str = "") -> None:
+    def note(self, code: int, text: str, circumstances: str) -> None:
         """Add a fault, with mode and set-points unless other circumstances are given."""
         line = f"{code:04X}h {text}; {circumstances or self._asked()}"
         self.recall((line, *self.lines))

@@ -324,7 +324,7 @@ class BusInstrument(Instrument):
         od: ObjectDictionary,
         watcher: Watcher,
         listener: Listener,
-        stimulator: Stimulator | None = None,
+        stimulator: Stimulator | None,
     ) -> None:
         super().__init__(where, od, drives=stimulator is not None, pause=_HEARD_S)
         self._watcher = watcher
