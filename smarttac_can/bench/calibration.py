@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
@@ -12,7 +11,6 @@ import numpy.typing as npt
 from smarttac_can.bench.plate_loads import STANDARD_GRAVITY, Placing, Weighing
 from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.traces import Floats
-from smarttac_can.master.errors import BenchError
 from smarttac_can.vocabulary.signals import KNOWN_WINDOW_MN
 
 LATERAL: Final = ("Fx from S1", "Fx from S2", "Fy from S1", "Fy from S2")
@@ -183,15 +181,7 @@ def write_calibration(
     }
     values["Gauge null.Window"] = KNOWN_WINDOW_MN
     values = {name: stimulator.nearest(name, value) for name, value in values.items()}
-    before = {name: stimulator.get(name) for name in values}
-    try:
-        for name, value in values.items():
-            stimulator.set(name, value)
-    except BenchError:
-        for name, value in before.items():
-            with suppress(BenchError):
-                stimulator.set(name, value)
-        raise
+    stimulator.set_all(values)
     return values
 
 

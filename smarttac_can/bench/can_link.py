@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from difflib import get_close_matches
 from operator import itemgetter
 from pathlib import Path
@@ -333,17 +333,12 @@ class CanLink:
         network = self._network
         commanded = commanded_pdos(self._stimulator.od, self._stimulator.read)
         can_ids = {pdo.can_id for pdo in (*self._pdos, *commanded)} | self._services
-        tap = (can_ids, hear)
         if self._threaded:
             hold_more(network.bus)
         types = self._every_cycle.held() if every_cycle else nullcontext()
         # Before all types are set, and after the first one is reset, no cycle is complete.
-        with self._hearing(can_ids), types:
-            network.taps += (tap,)
-            try:
-                yield
-            finally:
-                network.taps = tuple(other for other in network.taps if other is not tap)
+        with self._hearing(can_ids), types, network.tapped(can_ids, hear):
+            yield
 
     def raw(self, path: Path) -> AbstractContextManager[str]:
         """Log all frames on the bus, also those of this bench, in a format of python-can."""
@@ -622,7 +617,8 @@ class EveryCycle:
         self._at = {(entry.index, entry.subindex): entry for entry in self._types}
         self._undone: set[Entry] = set()
         services = (HEARTBEAT_ID, SDO_RX_ID, SDO_TX_ID)
-        self._tap = ({service + device.od.node_id for service in services}, self._keep)
+        self._services = {service + device.od.node_id for service in services}
+        self._tapped = ExitStack()
         self._before: list[int] = []
         self._users = 0
         self._ends = False
@@ -639,7 +635,7 @@ class EveryCycle:
             self._others.clear()
             self._before = [self._take(entry) for entry in self._types]
             self._undone.clear()
-            self._network.taps += (self._tap,)
+            self._tapped.enter_context(self._network.tapped(self._services, self._keep))
         self._users += 1
         try:
             yield
@@ -666,8 +662,7 @@ class EveryCycle:
         try:
             needed = self._others_need_it()
         finally:
-            network = self._network
-            network.taps = tuple(tap for tap in network.taps if tap is not self._tap)
+            self._tapped.close()
         if not needed:
             for entry, kind in zip(self._types, self._before, strict=True):
                 self._device.write(entry, kind)

@@ -79,7 +79,7 @@ def in_shell_words(text: object) -> str:
 
 def write_action(entry: Entry, raw: float) -> str:
     """Return the text for writing a raw value to an object."""
-    return f"write {_shown(entry, raw)} to {entry.name}"
+    return f"write {entry.shown(raw)} to {entry.name}"
 
 
 def refused_write(entry: Entry, raw: float, reason: Abort) -> RefusedError:
@@ -96,12 +96,4 @@ def refused_write(entry: Entry, raw: float, reason: Abort) -> RefusedError:
 
 def bounds(entry: Entry) -> str:
     """Return the bounds of an object in its displayed unit, such as ``0 to 3000 nm``."""
-    return f"{_number(entry, entry.low)} to {_shown(entry, entry.high)}"
-
-
-def _shown(entry: Entry, raw: float) -> str:
-    return f"{_number(entry, raw)} {entry.unit.symbol}".rstrip()
-
-
-def _number(entry: Entry, raw: float) -> str:
-    return f"{raw * float(entry.unit.number):.12g}"
+    return f"{entry.low * float(entry.unit.number):.12g} to {entry.shown(entry.high)}"

@@ -10,6 +10,7 @@ from typing import Final, Literal, NamedTuple, Self
 
 from smarttac_can.bench.link import Link, Row
 from smarttac_can.bench.named_objects import finite
+from smarttac_can.device.nmt import state_text
 from smarttac_can.host.process_signals import interrupt_waits
 from smarttac_can.master.errors import BenchError
 from smarttac_can.od.cia import EMCY_ID, HEARTBEAT_ID, LAST_NODE_ID
@@ -152,10 +153,7 @@ class Events:
         elif service == EMCY_ID and (code := int.from_bytes(data[:2], "little")):
             self._waiting.put(Event(node_id, "fault", emergency_text(code)))
         elif service == HEARTBEAT_ID and data:
-            # Imported here because it takes long and is not needed without a bus.
-            from smarttac_can.commissioning.scan import STATES, UNKNOWN  # noqa: PLC0415
-
             shown = data[0] & LAST_NODE_ID
             if self._nmt.get(node_id, shown) != shown or not shown:  # a boot-up is always an event
-                self._waiting.put(Event(node_id, "heartbeat", STATES.get(shown, UNKNOWN)))
+                self._waiting.put(Event(node_id, "heartbeat", state_text(shown)))
             self._nmt[node_id] = shown

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from difflib import get_close_matches
 from enum import IntEnum
 from math import isfinite, nan
@@ -27,7 +27,6 @@ _MESSAGE: Final = "Message"
 DISARM_FIRST: Final = "it is armed or running, disarm() first"
 ARMED: Final = (State.ARMED, State.RUNNING)
 """States in which a stimulator may drive its plate."""
-_SIDES: Final = 2
 SHOWN_UNITS: Final = {"mV": "V", "mN": "N", "nm": "um", "um": "mm"}
 """Units shown to people instead of those of the objects: places in mm, amplitudes in um."""
 _Choices = TypeVar("_Choices", bound=IntEnum)
@@ -231,7 +230,7 @@ class NamedObjects:
         """
         self._write(name, self._raw(name, value))
 
-    def _set_all(self, values: Mapping[str, float | str]) -> None:
+    def set_all(self, values: Mapping[str, float | str]) -> None:
         """Write objects by name, in this order; if one is refused, none is changed.
 
         Parameters
@@ -360,37 +359,3 @@ class Choice(property, Generic[_Choices]):
 
         def __get__(self, bench: Any, owner: type | None = None, /) -> _Choices: ...  # type: ignore[override]
         def __set__(self, bench: NamedObjects, choice: _Choices | str, /) -> None: ...
-
-
-class BothSides(property):
-    """A property for both set-points of the COF; a number sets both.
-
-    Parameters
-    ----------
-    text
-        Docstring of the property.
-    """
-
-    def __init__(self, text: str) -> None:
-        def read(bench: NamedObjects) -> tuple[float, float]:
-            return bench.get("Setpoint.COF left"), bench.get("Setpoint.COF right")
-
-        def write(bench: NamedObjects, cof: float | str | Iterable[float | str]) -> None:
-            pair = (
-                list(cof) if isinstance(cof, Iterable) and not isinstance(cof, str) else [cof] * 2
-            )
-            if len(pair) != _SIDES:
-                raise ValueError(f"cof {cof!r} is neither a number nor a pair, left and right")
-            left, right = (in_unit("cof", side, "") for side in pair)
-            values = {"Setpoint.COF left": left, "Setpoint.COF right": right}
-            bench._set_all(values)  # noqa: SLF001 - of the class whose property it is
-
-        super().__init__(read, write)
-        self.__doc__ = text
-
-    if TYPE_CHECKING:
-
-        def __get__(self, bench: Any, owner: type | None = None, /) -> tuple[float, float]: ...  # type: ignore[override]
-        def __set__(
-            self, bench: NamedObjects, cof: float | str | Iterable[float | str], /
-        ) -> None: ...

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Container, Iterable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from heapq import heappop, heappush
 from itertools import count
 from math import inf
@@ -32,7 +32,7 @@ from smarttac_can.host.python_can import (
 from smarttac_can.master.errors import BenchError
 from smarttac_can.od.cia import CAN_ID_MASK
 
-Tap = tuple[Container[int], Hear]
+_Tap = tuple[Container[int], Hear]
 """Identifiers, and the function that receives frames with one of them."""
 ALL: Final = range(CAN_ID_MASK + 1)
 """All identifiers."""
@@ -73,10 +73,6 @@ class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is
 
     Attributes
     ----------
-    taps
-        Taps called before the subscribers of a frame, in the thread that sends or receives.
-    own_taps
-        Taps called only for sent frames.
     hears_itself
         Whether its bus echoes sent frames, by an option or the configuration of python-can.
     """
@@ -85,8 +81,8 @@ class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is
         super().__init__()
         self._strays = _Strays(self)
         self.listeners.append(self._strays)
-        self.taps: tuple[Tap, ...] = ()
-        self.own_taps: tuple[Tap, ...] = ()
+        self._taps: tuple[_Tap, ...] = ()
+        self._own_taps: tuple[_Tap, ...] = ()
         self._options: Mapping[str, Any] = {}
         self.hears_itself = False
 
@@ -116,6 +112,30 @@ class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is
         with opening(options.get("interface"), options.get("channel"), BenchError):
             return can.Bus(**options)
 
+    @contextmanager
+    def tapped(self, can_ids: Container[int], hear: Hear, *, own: bool = False) -> Iterator[None]:
+        """Pass frames to a function during a block, before their subscribers.
+
+        Parameters
+        ----------
+        can_ids
+            Identifiers of the frames.
+        hear
+            Function called in the thread that sends or receives. Blocks may end in any order.
+        own
+            Whether to pass only frames that are sent here.
+        """
+        tap = (can_ids, hear)
+        if own:
+            self._own_taps += (tap,)
+        else:
+            self._taps += (tap,)
+        try:
+            yield
+        finally:
+            self._taps = tuple(other for other in self._taps if other is not tap)
+            self._own_taps = tuple(other for other in self._own_taps if other is not tap)
+
     def check(self) -> None:
         """Raise the error that has ended the receiving, if there is one."""
         error = None if self.notifier is None else self.notifier.exception
@@ -126,16 +146,16 @@ class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
         """Send a frame."""
         if not remote:
-            _to_taps((*self.taps, *self.own_taps), can_id, bytes(data))
+            _to_taps((*self._taps, *self._own_taps), can_id, bytes(data))
         super().send_message(can_id, data, remote)
 
     def notify(self, can_id: int, data: bytearray, timestamp: float) -> None:
         """Pass on a received frame."""
-        _to_taps(self.taps, can_id, bytes(data))
+        _to_taps(self._taps, can_id, bytes(data))
         super().notify(can_id, data, timestamp)
 
 
-def _to_taps(taps: Iterable[Tap], can_id: int, data: bytes) -> None:
+def _to_taps(taps: Iterable[_Tap], can_id: int, data: bytes) -> None:
     for can_ids, hear in taps:
         if can_id in can_ids:
             hear(can_id, data)
@@ -165,7 +185,7 @@ class LocalNetwork(TappedNetwork):
         """Send a frame; all its effects have happened on return."""
         frame = Frame(can_id, bytes(data), remote)
         if not remote:
-            _to_taps(self.taps, can_id, frame.data)
+            _to_taps(self._taps, can_id, frame.data)
         self._port.send(frame)
 
     def disconnect(self) -> None:
@@ -176,7 +196,7 @@ class LocalNetwork(TappedNetwork):
     def _on_frame(self, frame: Frame) -> None:
         can_id, data, rtr = frame
         if not rtr:
-            _to_taps(self.taps, can_id, data)
+            _to_taps(self._taps, can_id, data)
             for callback in self.subscribers.get(can_id, ()):
                 callback(can_id, bytearray(data), self._local_bus.time * 1e-6)
 
@@ -276,12 +296,8 @@ def _tapping(network: LocalNetwork, file: _File) -> Iterator[None]:
     def tap(can_id: int, data: bytes) -> None:
         file.log(can.Message(begun + network.now(), can_id, is_extended_id=False, data=data))
 
-    every = (ALL, tap)
-    network.taps += (every,)
-    try:
+    with network.tapped(ALL, tap):
         yield
-    finally:
-        network.taps = tuple(other for other in network.taps if other is not every)
 
 
 @contextmanager
@@ -334,12 +350,10 @@ def _beside(network: TappedNetwork, file: _File) -> Iterator[None]:
     def tap(can_id: int, data: bytes) -> None:
         file.log(can.Message(time(), can_id, is_extended_id=False, is_rx=False, data=data))
 
-    own = (ALL, tap)
-    if not network.hears_itself:
-        network.own_taps += (own,)
-    network.notifier.add_listener(file.log)
-    try:
-        yield
-    finally:
-        network.own_taps = tuple(other for other in network.own_taps if other is not own)
-        network.notifier.remove_listener(file.log)
+    echoed = network.hears_itself
+    with nullcontext() if echoed else network.tapped(ALL, tap, own=True):
+        network.notifier.add_listener(file.log)
+        try:
+            yield
+        finally:
+            network.notifier.remove_listener(file.log)

@@ -15,9 +15,8 @@ import canopen
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from smarttac_can.bench.errors import NotRunningError, refused_write, write_action
-from smarttac_can.commissioning.scan import STATES, UNKNOWN
 from smarttac_can.device.frame import Frame
-from smarttac_can.device.nmt import NMTState
+from smarttac_can.device.nmt import NMTState, state_text
 from smarttac_can.master.errors import (
     BenchError,
     BusLostError,
@@ -166,7 +165,7 @@ class RemoteDevice:
         """Raise NotRunningError if its last known NMT state is not OPERATIONAL."""
         if not self.operational:
             raise NotRunningError(
-                f"node {self.od.node_id} is {STATES.get(self.state, UNKNOWN)}: a master, or the "
+                f"node {self.od.node_id} is {state_text(self.state)}: a master, or the "
                 "loss of a driver that it watches, has stopped it; connect again, which starts it"
             )
 

@@ -140,18 +140,6 @@ def lockstep_nodes(
     return [plate, stimulator]
 
 
-def attach_nodes(
-    bus: LocalBus,
-    *,
-    plate_inside: bool,
-    presets: Mapping[str, int],
-    recording: Finger | None = None,
-) -> None:
-    """Attach the nodes of `lockstep_nodes` to a bus."""
-    for node in lockstep_nodes(plate_inside=plate_inside, presets=presets, recording=recording):
-        bus.attach(node)
-
-
 def open_simulated_link(
     link: LinkName,
     *,
@@ -190,7 +178,8 @@ def open_simulated_link(
         if link == "local":
             block = simulated_block(raw, recorded)
             return LocalLink(block), block.od
-        attach_nodes(bus, plate_inside=plate_inside, presets=raw, recording=recorded)
+        for node in lockstep_nodes(plate_inside=plate_inside, presets=raw, recording=recorded):
+            bus.attach(node)
     except Abort as error:
         raise ValueError(f"presets {dict(presets)} are refused at power-on: {error}") from error
     from smarttac_can.bench.can_link import over_can  # noqa: PLC0415 - only over CAN

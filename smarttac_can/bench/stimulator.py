@@ -23,12 +23,12 @@ from smarttac_can.bench.link import ClosedLink, Link, Reading, Row, unwrapped
 from smarttac_can.bench.named_objects import (
     ARMED,
     DISARM_FIRST,
-    BothSides,
     Choice,
     InUnit,
     NamedObjects,
     by_name,
     finite,
+    in_unit,
 )
 from smarttac_can.bench.plate_loads import SimulatedFinger
 from smarttac_can.bench.recording import Recording
@@ -64,6 +64,7 @@ _IDENTIFY_LIMIT: Final = 100
 _CONTROLWORD: Final = "Controlword"
 _BY_WRONG_ZERO: Final = (Watchdog.GAUGES, Watchdog.PICKUP)
 """Watchdogs that trip on a correct plate if its zero was tared with a finger on it."""
+_SIDES: Final = 2
 CYCLES_PER_SECOND: Final = 1000
 _LEAST_RECORDED: Final = 0.5
 """Fraction of the cycles of a run that must be recorded."""
@@ -101,7 +102,6 @@ class Stimulator(NamedObjects):
     )
     amplitude = InUnit("Setpoint.Amplitude", "um", "Set-point of the amplitude in um peak-to-peak.")
     boundary = InUnit("Setpoint.Boundary", "mm", "Boundary in mm from the middle of the plate.")
-    cof = BothSides("Set-points of the COF left and right of the boundary; a number sets both.")
     law = Choice(
         "Friction law",
         Law,
@@ -118,7 +118,20 @@ class Stimulator(NamedObjects):
         # Whether the state was FAULT when it was last read.
         self._knows_fault = False
         self._recording: Recording | None = None
-        self.finger = SimulatedFinger(self.get, self._set_all)
+        self.finger = SimulatedFinger(self.get, self.set_all)
+
+    @property
+    def cof(self) -> tuple[float, float]:
+        """Set-points of the COF left and right of the boundary; a number sets both."""
+        return self.get("Setpoint.COF left"), self.get("Setpoint.COF right")
+
+    @cof.setter
+    def cof(self, cof: float | str | Iterable[float | str]) -> None:
+        pair = list(cof) if isinstance(cof, Iterable) and not isinstance(cof, str) else [cof] * 2
+        if len(pair) != _SIDES:
+            raise ValueError(f"cof {cof!r} is neither a number nor a pair, left and right")
+        left, right = (in_unit("cof", side, "") for side in pair)
+        self.set_all({"Setpoint.COF left": left, "Setpoint.COF right": right})
 
     @property
     def mode(self) -> Mode:

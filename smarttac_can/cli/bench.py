@@ -37,8 +37,8 @@ from smarttac_can.bench.self_test import Check
 from smarttac_can.bench.self_test import selftest as judge
 from smarttac_can.cli.shared import (
     OLD_FILE,
-    BusChoice,
     FiniteRange,
+    StimulatorChoice,
     closing_network,
     force_option,
     json_options,
@@ -53,7 +53,7 @@ from smarttac_can.cli.shared import (
     timeout_option,
 )
 from smarttac_can.commissioning.node_ids import wait_until
-from smarttac_can.commissioning.scan import STATES, UNKNOWN
+from smarttac_can.device.nmt import UNKNOWN, state_text
 from smarttac_can.host.files import result_file
 from smarttac_can.master.errors import BenchError
 from smarttac_can.nodes.lock import watched_node
@@ -106,14 +106,7 @@ class _Watch(NamedTuple):
 @stimulator_options
 @timeout_option
 @json_options(bare=True)
-def status(
-    *,
-    bus: BusChoice,
-    node_id: int,
-    plate_node: int | None,
-    timeout: float,
-    json_file: Path | None,
-) -> None:
+def status(*, at: StimulatorChoice, timeout: float, json_file: Path | None) -> None:
     """Say how a stimulator is: NMT, state, faults, message, who drives, how near its limits it is.
 
     It only asks: nothing is started, and whoever drives goes on. The exit code is 0 also for a
@@ -121,8 +114,8 @@ def status(
     """
     with plain_errors(), ExitStack() as stack:
         results = opened_results(stack, json_file)
-        with closing_network(bus) as network:
-            said = _asked(network, bus.where, node_id, plate_node, timeout)
+        with closing_network(at.bus) as network:
+            said = _asked(network, at, timeout)
         report_results(said, _lines(said), results)
 
 
@@ -130,50 +123,41 @@ def status(
 @stimulator_options
 @timeout_option
 @lockstep_option
-def reset(
-    *, bus: BusChoice, node_id: int, plate_node: int | None, timeout: float, lockstep: bool
-) -> None:
+def reset(*, at: StimulatorChoice, timeout: float, lockstep: bool) -> None:
     """Reset the latched fault of a stimulator; 1 if its cause is still there.
 
     It starts the nodes, and is refused while another bench drives. Without a fault nothing is done.
     """
     with (
         plain_errors(),
-        _cure_of_silence(bus, node_id, plate_node, timeout),
-        Stimulator.connect(
-            node_id=node_id,
-            plate_node_id=plate_node,
-            timeout=timeout,
-            lockstep=lockstep,
-            **bus.options,
-        ) as stimulator,
+        _cure_of_silence(at, timeout),
+        at.connect(timeout=timeout, lockstep=lockstep) as stimulator,
     ):
+        name = f"stimulator {at.node_id}"
         state = stimulator.state
         if state is not State.FAULT:
-            click.echo(f"stimulator {node_id} has no fault: its state is {_plain(state)}")
+            click.echo(f"{name} has no fault: its state is {_plain(state)}")
             return
         why = stimulator.message
         stimulator.reset_fault()
-        click.echo(one_line(f"stimulator {node_id} is reset ({why}): {_plain(stimulator.state)}"))
+        click.echo(one_line(f"{name} is reset ({why}): {_plain(stimulator.state)}"))
 
 
 @contextmanager
-def _cure_of_silence(
-    bus: BusChoice, node_id: int, plate_node: int | None, timeout: float
-) -> Iterator[None]:
+def _cure_of_silence(at: StimulatorChoice, timeout: float) -> Iterator[None]:
     """Add the node whose lost heartbeat refuses a reset, and what to do, to the error's notes."""
     try:
         yield
     except FaultError as error:
         if WATCHDOGS[Watchdog.HEARTBEAT].text in str(error):
-            with closing_network(bus) as network:
-                device = RemoteDevice(network, stimulator_od(node_id), bus.where, timeout)
-                for watch in _watches(network, device, plate_node or _plate_of(device)):
+            with closing_network(at.bus) as network:
+                device = RemoteDevice(network, stimulator_od(at.node_id), at.bus.where, timeout)
+                for watch in _watches(network, device, at.plate_node or _plate_of(device)):
                     if not watch.heard:
                         error.add_note(
                             f"node {watch.node_id} is watched but not heard: start it again, or "
                             f"write 0 to {HEARTBEAT_CONSUMER:X}h sub-index {watch.entry} of node "
-                            f"{node_id}, or reset node {node_id} (NMT)"
+                            f"{at.node_id}, or reset node {at.node_id} (NMT)"
                         )
         raise
 
@@ -182,15 +166,14 @@ def _plain(state: State) -> str:
     return state.name.lower().replace("_", " ")
 
 
-def _asked(
-    network: canopen.Network, where: str, node_id: int, plate_node: int | None, timeout: float
-) -> dict[str, Any]:
-    device = RemoteDevice(network, stimulator_od(node_id), where, timeout)
-    plate_id = plate_node or _plate_of(device)
+def _asked(network: canopen.Network, at: StimulatorChoice, timeout: float) -> dict[str, Any]:
+    where = at.bus.where
+    device = RemoteDevice(network, stimulator_od(at.node_id), where, timeout)
+    plate_id = at.plate_node or _plate_of(device)
     plate = None if plate_id is None else RemoteDevice(network, plate_od(plate_id), where, timeout)
     return {
         "bus": where,
-        "node_id": node_id,
+        "node_id": at.node_id,
         "nmt": _nmt(device),
         "plate": None if plate is None else {"node_id": plate_id, "nmt": _nmt(plate)},
         **_state(device),
@@ -240,7 +223,7 @@ def _entered(device: RemoteDevice) -> Iterator[_Watch]:
 
 def _nmt(device: RemoteDevice) -> str:
     wait_until(lambda: device.heartbeat_at is not None, _HEARTBEATS_WAITED * device.heartbeat_s)
-    return STATES.get(device.state, UNKNOWN) if device.heartbeat_at is not None else UNKNOWN
+    return state_text(device.state) if device.heartbeat_at is not None else UNKNOWN
 
 
 def _state(device: RemoteDevice) -> dict[str, Any]:
@@ -329,18 +312,14 @@ _BIT_RATE: Final = 1_000_000
 
 @contextmanager
 def _watching(
-    bus: BusChoice, node_id: int, plate_node: int | None, drive: bool, *, reads: bool = True
+    at: StimulatorChoice, drive: bool, *, reads: bool = True
 ) -> Iterator[tuple[Watcher, Listener, Stimulator | None]]:
-    plate = None if plate_node is None else plate_od(plate_node)
-    bit_rate = bus.bitrate or _BIT_RATE
-    watcher = Watcher(stimulator_od(node_id), plate, bit_rate=bit_rate, reads=reads)
+    plate = None if at.plate_node is None else plate_od(at.plate_node)
+    bit_rate = at.bus.bitrate or _BIT_RATE
+    watcher = Watcher(stimulator_od(at.node_id), plate, bit_rate=bit_rate, reads=reads)
     with ExitStack() as stack:
-        listener = stack.enter_context(Listener(bus.open))
-        stimulator = None
-        if drive:
-            stimulator = stack.enter_context(
-                Stimulator.connect(node_id=node_id, plate_node_id=plate_node, **bus.options)
-            )
+        listener = stack.enter_context(Listener(at.bus.open))
+        stimulator = stack.enter_context(at.connect()) if drive else None
         yield watcher, listener, stimulator
 
 
@@ -355,9 +334,7 @@ def _watching(
     is_flag=True,
     help="Send nothing at all: set-points, counts and latched faults are not shown.",
 )
-def watch(
-    *, bus: BusChoice, node_id: int, plate_node: int | None, drive: bool, no_sdo: bool
-) -> None:
+def watch(*, at: StimulatorChoice, drive: bool, no_sdo: bool) -> None:
     """Show a stimulator live in the terminal: friction, drive, state, faults, counts and bus.
 
     It listens to what the nodes publish, and reads by SDO, seldom and one object at a time, what
@@ -371,9 +348,9 @@ def watch(
         raise click.ClickException("watch needs a terminal; for a file, take a log of the bus")
     from smarttac_can.watch.screen import WatchScreen  # noqa: PLC0415 - Textual is an extra
 
-    with plain_errors(), _watching(bus, node_id, plate_node, drive, reads=not no_sdo) as watched:
+    with plain_errors(), _watching(at, drive, reads=not no_sdo) as watched:
         watcher, listener, stimulator = watched
-        WatchScreen(watcher, listener, bus.where, stimulator).run()
+        WatchScreen(watcher, listener, at.bus.where, stimulator).run()
 
 
 @click.command(
@@ -395,16 +372,15 @@ def watch(
     show_default=True,
     help="TCP port; 0 is any that is free.",
 )
-def panel(
-    *, bus: BusChoice, node_id: int, plate_node: int | None, drive: bool, host: str, port: int
-) -> None:
+def panel(*, at: StimulatorChoice, drive: bool, host: str, port: int) -> None:
     """Show a stimulator live in a browser: plate, charts, state and faults.
 
     Without --interface it is a simulated bench in this process, and the mouse is the finger. The
     address that is printed has a token: who has it may drive. One page drives at a time, and 0.8 s
     after it falls silent the plate is at 0 V.
     """
-    if bus.interface is None and (drive or bus.options or plate_node is not None):
+    bus = at.bus
+    if bus.interface is None and (drive or bus.options or at.plate_node is not None):
         raise click.UsageError("a bus needs --interface; without one a bench is simulated")
     if find_spec("aiohttp") is None:
         raise click.ClickException("panel needs aiohttp: pip install 'smarttac-can[panel]'")
@@ -426,8 +402,8 @@ def panel(
         if bus.interface is None:
             instrument = SimulatedBench()
         else:
-            watched = stack.enter_context(_watching(bus, node_id, plate_node, drive))
-            instrument = BusInstrument(bus.where, stimulator_od(node_id), *watched)
+            watched = stack.enter_context(_watching(at, drive))
+            instrument = BusInstrument(bus.where, stimulator_od(at.node_id), *watched)
         stack.enter_context(instrument)
         with suppress(KeyboardInterrupt):
             asyncio.run(serve(Panel(instrument, token, host), host, port, listening))
@@ -441,14 +417,7 @@ def panel(
 @stimulator_options
 @lockstep_option
 @json_options()
-def selftest(
-    *,
-    bus: BusChoice,
-    node_id: int,
-    plate_node: int | None,
-    lockstep: bool,
-    json_file: Path | None,
-) -> None:
+def selftest(*, at: StimulatorChoice, lockstep: bool, json_file: Path | None) -> None:
     """Judge timing, gauges, pick-up, resonance and delay of a stimulator; 1 if a check fails.
 
     Nothing may rest on the plate: it vibrates with 0.5 um at most, and is left at 0 V on every way
@@ -456,17 +425,13 @@ def selftest(
     """
     with plain_errors(), ExitStack() as stack:
         file = opened_results(stack, json_file)
-        stimulator = stack.enter_context(
-            Stimulator.connect(
-                node_id=node_id, plate_node_id=plate_node, lockstep=lockstep, **bus.options
-            )
-        )
+        stimulator = stack.enter_context(at.connect(lockstep=lockstep))
         serial = round(stimulator.get("Calibration.Plate serial number"))
         checks = judge(stimulator, lambda check: click.echo(_check_line(check), err=True))
         failed = [check for check in checks if not check.passed]
         results = {
             "version": __version__,
-            "node_id": node_id,
+            "node_id": at.node_id,
             "plate_serial_number": serial,
             "passed": not failed,
             "checks": [check.as_json() for check in checks],
@@ -521,9 +486,7 @@ def calibrate(
     *,
     plan: Path,
     certificate: Path,
-    bus: BusChoice,
-    node_id: int,
-    plate_node: int | None,
+    at: StimulatorChoice,
     gravity: float,
     rehearse: bool,
     lockstep: bool,
@@ -542,11 +505,7 @@ def calibrate(
             with naming(plan, ValueError):
                 require_two_directions(placings)
         file = stack.enter_context(result_file(certificate))
-        stimulator = stack.enter_context(
-            Stimulator.connect(
-                node_id=node_id, plate_node_id=plate_node, lockstep=lockstep, **bus.options
-            )
-        )
+        stimulator = stack.enter_context(at.connect(lockstep=lockstep))
         stimulator.claim()
         before = [stimulator.get(f"Calibration.{name}", "mm") for name in POSITIONS]
         weighings, nulls = _weighed(stimulator, placings, gravity if rehearse else None)

@@ -24,17 +24,12 @@ from smarttac_can.cli.shared import (
 )
 from smarttac_can.host.process_signals import stop_on_signals
 from smarttac_can.timing.loop_run import LoopRun, measure_loop
-from smarttac_can.timing.loop_timing import DEADLINE_RULE, SHORTEST_MS, LoopTiming
+from smarttac_can.timing.loop_timing import CURVES, DEADLINE_RULE, SHORTEST_MS, LoopTiming
 from smarttac_can.vocabulary.states import State
 
 PICTURE = "jitter.png"
 _SECONDS_MAX = 86_400
 _PROGRESS_S = 3.0
-_ROWS = {
-    "sync": "SYNC later than 1 ms after the last",
-    "measurement": "measurement after SYNC",
-    "drive": "drive after SYNC",
-}
 
 
 @click.command(
@@ -139,7 +134,7 @@ def _progress(seconds: int) -> Callable[[float, LoopTiming], None]:
 
 def _table(figures: dict[str, Any], run: LoopRun, plate_node: int | None) -> Iterator[str]:
     yield f"{'us':<40}{'median':>10}{'99 %':>10}{'99.9 %':>10}{'max':>10}"
-    for key, name in _ROWS.items():
+    for key, name in CURVES.items():
         row = figures[key]
         yield f"{name:<40}" + "".join(
             f"{row[column]:>10}" for column in ("p50_us", "p99_us", "p999_us", "max_us")

@@ -23,7 +23,7 @@ from smarttac_can.cli.shared import (
 )
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.mapping import Direction, Mapping, compile_mapping
-from smarttac_can.device.nmt import NMTState
+from smarttac_can.device.nmt import STATES, NMTState
 from smarttac_can.host.files import read_eds, read_eds_file
 from smarttac_can.host.log_file import read_log
 from smarttac_can.host.process_signals import stop_on_signals
@@ -162,8 +162,7 @@ def _heartbeat(_node: int, frame: Frame) -> str:
     state = frame.data[0] & 0x7F
     if state == NMTState.INITIALISING:
         return "boot-up"
-    known = state in list(NMTState)
-    return f"heartbeat, {NMTState(state).name.lower().replace('_', '-') if known else state}"
+    return f"heartbeat, {STATES.get(state, state)}"
 
 
 def _pdo(mapping: Mapping, data: bytes) -> str:
@@ -196,7 +195,7 @@ def _shown(entry: Entry, raw: object) -> str:
             elif bits:
                 parts.append(field.name)
         return "+".join(parts) or "0"
-    return f"{raw * float(entry.unit.number):.12g} {entry.unit.symbol}".rstrip()
+    return entry.shown(raw)
 
 
 def _node_eds(

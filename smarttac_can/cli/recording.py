@@ -15,7 +15,6 @@ from click.core import ParameterSource
 from smarttac_can.bench.recording import Recording
 from smarttac_can.bench.recording_file import METADATA, Summary, make_recording, require_new
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
-from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.cli.nodes import blaming, load_device
 from smarttac_can.cli.shared import (
     NEW_FILE,
@@ -23,6 +22,7 @@ from smarttac_can.cli.shared import (
     OLD_FILE,
     BusChoice,
     FiniteRange,
+    StimulatorChoice,
     json_options,
     lockstep_option,
     one_line,
@@ -79,9 +79,7 @@ _SILENT_S = 1.0
 def record(
     *,
     file: Path,
-    bus: BusChoice,
-    node_id: int,
-    plate_node: int | None,
+    at: StimulatorChoice,
     seconds: float | None,
     raw: Path | None,
     subject: str | None,
@@ -103,18 +101,12 @@ def record(
         require_new(file)
         results = opened_results(stack, json_file)
         if log is not None:
-            _refuse_bus(bus, seconds, raw, *metadata)
+            _refuse_bus(at.bus, seconds, raw, *metadata)
             summary = make_recording(log, file)
         else:
-            summary = _record(
-                file,
-                lambda: Stimulator.connect(
-                    **bus.options, node_id=node_id, plate_node_id=plate_node, timeout=timeout
-                ),
-                seconds,
-                raw,
-                metadata,
-            )
+            with stop_on_signals() as stopped, at.connect(timeout=timeout) as bench:
+                recording = bench.record(file, raw=raw, **metadata)
+                summary = _recorded(recording, stopped, seconds)
         report_results({"file": str(file), **summary._asdict()}, _lines(file, summary), results)
         if log is None and summary.rows == 0:
             raise ValueError(
@@ -136,21 +128,14 @@ def _refuse_bus(bus: BusChoice, *others: object) -> None:
         raise click.UsageError("--recover needs a log and no bus: leave out the other options")
 
 
-def _record(
-    file: Path,
-    connect: Callable[[], Stimulator],
-    seconds: float | None,
-    raw: Path | None,
-    metadata: dict[str, str],
-) -> Summary:
-    with stop_on_signals() as stopped, connect() as bench:
-        with bench.record(file, raw=raw, **metadata) as recording:
-            if recording.raw_note:
-                click.echo(recording.raw_note, err=True)
-            click.echo(f"recording {file}", err=True)  # scripts wait for it
-            _wait(recording, stopped, seconds)
-        assert recording.summary is not None
-        return recording.summary
+def _recorded(recording: Recording, stopped: Callable[[], bool], seconds: float | None) -> Summary:
+    with recording:
+        if recording.raw_note:
+            click.echo(recording.raw_note, err=True)
+        click.echo(f"recording {recording.path}", err=True)  # scripts wait for it
+        _wait(recording, stopped, seconds)
+    assert recording.summary is not None
+    return recording.summary
 
 
 def _wait(recording: Recording, stopped: Callable[[], bool], seconds: float | None) -> None:

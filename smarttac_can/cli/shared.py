@@ -21,6 +21,7 @@ import click
 from smarttac_can.bench.errors import in_shell_words
 from smarttac_can.bench.network import TappedNetwork
 from smarttac_can.bench.simulation import STIMULATOR_ID
+from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.traces import require_matplotlib
 from smarttac_can.device.storage import begins_as_image
 from smarttac_can.host.bus import BusError
@@ -353,18 +354,46 @@ def bus_options(command: Command) -> Command:
     )(called)
 
 
-stimulator_options = with_options(
-    bus_options,
-    click.option(
-        "--node-id",
-        type=NODE_ID,
-        default=STIMULATOR_ID,
-        show_default=True,
-        help="Node-ID of the stimulator.",
-    ),
-    click.option("--plate-node", type=NODE_ID, help="Node-ID of the plate, if it is a node."),
-)
-"""Options of a command for a stimulator: those of the bus, and the node-IDs."""
+class StimulatorChoice(NamedTuple):
+    """A stimulator on a bus."""
+
+    bus: BusChoice
+    node_id: int
+    plate_node: int | None
+    """Node-ID of the plate; None if it is inside, or unknown."""
+
+    def connect(self, *, lockstep: bool = False, timeout: float | None = None) -> Stimulator:
+        """Connect to it, and raise as `Stimulator.connect`."""
+        return Stimulator.connect(
+            node_id=self.node_id,
+            plate_node_id=self.plate_node,
+            lockstep=lockstep,
+            timeout=timeout,
+            **self.bus.options,
+        )
+
+
+def stimulator_options(command: Command) -> Command:
+    """Add the options of bus and node-IDs to a command, which gets ``at``, a `StimulatorChoice`."""
+
+    @wraps(command)
+    def called(
+        *args: Any, bus: BusChoice, node_id: int, plate_node: int | None, **others: Any
+    ) -> Any:
+        return command(*args, at=StimulatorChoice(bus, node_id, plate_node), **others)
+
+    return with_options(
+        bus_options,
+        click.option(
+            "--node-id",
+            type=NODE_ID,
+            default=STIMULATOR_ID,
+            show_default=True,
+            help="Node-ID of the stimulator.",
+        ),
+        click.option("--plate-node", type=NODE_ID, help="Node-ID of the plate, if it is a node."),
+    )(called)
+
 
 # Files and folders for results: nothing is replaced without ``--force``.
 #

@@ -12,7 +12,7 @@ from cantools.database.can import Database, Message, Node, Signal
 from cantools.database.conversion import BaseConversion
 from cantools.database.namedsignalvalue import NamedSignalValue
 
-from smarttac_can.commissioning.scan import STATES
+from smarttac_can.device.nmt import STATES
 from smarttac_can.od import cia
 from smarttac_can.od.data_types import REAL, SIGNED
 from smarttac_can.od.dictionary import ObjectDictionary

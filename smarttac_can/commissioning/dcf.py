@@ -41,7 +41,7 @@ def require_kept(entry: Entry, raw: int, given: str) -> None:
     quantity = Quantity.parse(given)
     if raw == 0 and quantity.number:
         if quantity.over(entry.unit) < entry.low:
-            lowest = f"{entry.low * float(entry.unit.number):.12g} {entry.unit.symbol}".rstrip()
+            lowest = entry.shown(entry.low)
             raise ValueError(f"{entry.name} {given} is below {lowest}, its lowest value")
         step = f"{entry.unit.number:f} {entry.unit.symbol}".rstrip()
         raise ValueError(f"{entry.name} {given} would become 0: it goes in steps of {step}")

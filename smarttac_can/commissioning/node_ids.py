@@ -27,6 +27,8 @@ _FASTSCAN_S: Final = 0.1
 """Time in s without an answer that counts as no; half of the 132 questions of fastscan get none."""
 _MOST_UNCONFIGURED: Final = 127
 _POLL_S: Final = 0.01
+ASKS_DEVICE_TYPE: Final = bytes((0x40, DEVICE_TYPE & 0xFF, DEVICE_TYPE >> 8, 0, 0, 0, 0, 0))
+"""SDO request that reads an object that every device has."""
 
 
 class Identity(NamedTuple):
@@ -72,7 +74,7 @@ def assign_node_id(
     identity: Identity | None,
     store: bool,
     timeout: float,
-    force: bool = False,
+    force: bool,
 ) -> Assigned:
     """Assign a node-ID to a device and let it start with that.
 
@@ -140,8 +142,7 @@ def _require_unused(network: canopen.Network, node_id: int, timeout: float) -> N
     for can_id in listened:
         network.subscribe(can_id, hear)
     try:
-        request = bytes((0x40, DEVICE_TYPE & 0xFF, DEVICE_TYPE >> 8, 0, 0, 0, 0, 0))
-        network.send_message(SDO_RX_ID + node_id, request)
+        network.send_message(SDO_RX_ID + node_id, ASKS_DEVICE_TYPE)
         # A stopped device does not answer SDO, and may send no heartbeat.
         network.send_message(HEARTBEAT_ID + node_id, b"", remote=True)
         wait_until(lambda: bool(heard), timeout)

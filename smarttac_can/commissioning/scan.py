@@ -11,15 +11,14 @@ import can
 import canopen
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError, SdoError
 
-from smarttac_can.commissioning.node_ids import Identity, unconfigured, wait_until
-from smarttac_can.device.nmt import NMTState
+from smarttac_can.commissioning.node_ids import ASKS_DEVICE_TYPE, Identity, unconfigured, wait_until
+from smarttac_can.device.nmt import UNKNOWN, state_text
 from smarttac_can.master.errors import BenchError
 from smarttac_can.master.sdo_client import SharedSdoClient
 from smarttac_can.od.cia import (
     COB_INVALID,
     COMMUNICATION_LAST,
     DEVICE_NAME,
-    DEVICE_TYPE,
     HEARTBEAT_ID,
     HEARTBEAT_PRODUCER,
     IDENTITY,
@@ -40,14 +39,6 @@ from smarttac_can.od.eds import Sections
 from smarttac_can.od.eds_check import Finding
 from smarttac_can.od.entry import Entry
 
-STATES: Final[dict[int, str]] = {
-    NMTState.INITIALISING: "boot-up",
-    NMTState.STOPPED: "stopped",
-    NMTState.OPERATIONAL: "operational",
-    NMTState.PRE_OPERATIONAL: "pre-operational",
-}
-"""Texts of the NMT states in a heartbeat."""
-UNKNOWN: Final = "unknown"
 UNCONFIGURED: Final = "unconfigured"
 
 _PDOS: Final = ((RPDO_COMMUNICATION, RPDO_MAPPING), (TPDO_COMMUNICATION, TPDO_MAPPING))
@@ -96,7 +87,7 @@ def scan(
     def hear(can_id: int, data: bytearray, _timestamp: float) -> None:
         if len(data) == 1:
             # The top bit is the toggle bit of node guarding.
-            states[can_id - HEARTBEAT_ID] = STATES.get(data[0] & 0x7F, UNKNOWN)
+            states[can_id - HEARTBEAT_ID] = state_text(data[0] & 0x7F)
 
     answers: Counter[int] = Counter()
 
@@ -107,9 +98,8 @@ def scan(
         network.subscribe(HEARTBEAT_ID + node_id, hear)
         network.subscribe(SDO_TX_ID + node_id, count)
     network.scanner.reset()
-    request = bytes([0x40, DEVICE_TYPE & 0xFF, DEVICE_TYPE >> 8, 0, 0, 0, 0, 0])
     for node_id in _NODE_IDS:
-        _send(network, SDO_RX_ID + node_id, request)
+        _send(network, SDO_RX_ID + node_id, ASKS_DEVICE_TYPE)
     sleep(timeout)
     # One request gets one answer per device.
     doubled = {node_id for node_id, number in answers.items() if number > 1}

@@ -98,8 +98,8 @@ def free_counter(examiner: Examiner) -> None:
         write_number(examiner, SYNC_PERIOD, 0, 0)
 
 
-def _produce(examiner: Examiner, period_ms: int = _PERIOD_MS) -> None:
-    write_number(examiner, SYNC_PERIOD, 0, 1000 * period_ms)
+def _produce(examiner: Examiner) -> None:
+    write_number(examiner, SYNC_PERIOD, 0, 1000 * _PERIOD_MS)
     try:
         write_number(examiner, SYNC_COB_ID, 0, examiner.sync_id | COB_SYNC_PRODUCER)
     except Abort as abort:

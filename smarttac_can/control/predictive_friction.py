@@ -111,7 +111,7 @@ class FrictionSample(NamedTuple):
 
 
 class Path(NamedTuple):
-    """State of the model of the force path, with exp h as its input."""
+    """State of the model of the force path; its input is exp h, or h in mode TEXTURE."""
 
     y: float
     rate: float
@@ -230,7 +230,8 @@ def follow_map(touch: MapState, sample: FrictionSample) -> MapState:
     since_step = 0 if stepped else touch.since_step + 1
     since_turn = 0 if turned else touch.since_turn + 1
     gain = GAIN_FIRST if turned and touch.gain < GAIN_UNKNOWN else touch.gain
-    path = _through_path(touch.path, known.nodes, before.W, sample.W)
+    h_before, h = value(known.nodes, before.W), value(known.nodes, sample.W)
+    path = through_path(touch.path, 0.5 * (exp(h_before) + exp(h)))
     plateaus = touch.gathered
     if turned and plateaus.made:
         # Since then m0 has followed a stopping finger, whose friction is lower.
@@ -267,9 +268,8 @@ def amplitude_asked(touch: MapState) -> float:
     return amplitude_for(touch.known.nodes, touch.ln_aim - touch.m0)
 
 
-def _through_path(path: Path, nodes: Nodes, W_before: float, W: float) -> Path:
-    """Step the force path with exp h at the middle of the tick."""
-    middle = 0.5 * (exp(value(nodes, W_before)) + exp(value(nodes, W)))
+def through_path(path: Path, middle: float) -> Path:
+    """Return the model of the force path a tick later, for its input at the middle of the tick."""
     deviation = path.y - middle
     return Path(
         middle + PATH.yy * deviation + PATH.yr * path.rate,

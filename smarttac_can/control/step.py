@@ -57,17 +57,15 @@ from smarttac_can.control.predictive_friction import (
 )
 from smarttac_can.control.texture import (
     NO_TEXTURE,
+    NO_TEXTURE_STATE,
     Line,
     Texture,
-    cof_ahead,
-    line_from,
-    prolonged,
-)
-from smarttac_can.control.texture_friction import (
-    NO_TEXTURE_STATE,
     TextureState,
     begin_texture,
+    cof_ahead,
     follow_texture,
+    line_from,
+    prolonged,
 )
 from smarttac_can.control.tribometer import (
     UNTOUCHED,

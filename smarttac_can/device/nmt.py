@@ -25,6 +25,21 @@ class NMTState(IntEnum):
     PRE_OPERATIONAL = 0x7F
 
 
+STATES: Final[dict[int, str]] = {
+    NMTState.INITIALISING: "boot-up",
+    NMTState.STOPPED: "stopped",
+    NMTState.OPERATIONAL: "operational",
+    NMTState.PRE_OPERATIONAL: "pre-operational",
+}
+"""Texts of the NMT states in a heartbeat."""
+UNKNOWN: Final = "unknown"
+
+
+def state_text(number: int) -> str:
+    """Return the text of an NMT state in a heartbeat, or `UNKNOWN`."""
+    return STATES.get(number, UNKNOWN)
+
+
 _COMMAND_BYTES: Final = 2
 COMMANDS: Final[dict[int, NMTState]] = {
     NMTCommand.START: NMTState.OPERATIONAL,

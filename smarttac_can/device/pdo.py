@@ -147,7 +147,7 @@ class RPDO(PDO):
         emergency: Emergency,
         sync: Sync,
         application: Application,
-        as_bytes: bool = False,
+        as_bytes: bool,
     ) -> None:
         super().__init__(port, od, number)
         self._as_bytes = as_bytes

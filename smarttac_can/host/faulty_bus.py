@@ -308,7 +308,7 @@ class FaultyBus(LocalBus):
     ----------
     seed
         Seed of all random draws.
-    sync_id, bit_rate, log, wire
+    log, wire
         As for `LocalBus`.
 
     Attributes
@@ -321,12 +321,10 @@ class FaultyBus(LocalBus):
         self,
         seed: int = 1,
         *,
-        sync_id: int = SYNC_ID,
-        bit_rate: int = 1_000_000,
         log: LogHook | None = None,
         wire: Wire | None = None,
     ) -> None:
-        super().__init__(sync_id=sync_id, bit_rate=bit_rate, log=log, wire=wire)
+        super().__init__(log=log, wire=wire)
         self.random = random.Random(seed)
         self.disturbances: list[Disturbance] = []
         self.cycle = 0
@@ -408,10 +406,6 @@ class FaultyBus(LocalBus):
             raise ValueError(f"microseconds {microseconds} is below 0")
         self._send(port, self._stations[port].advance(microseconds))
 
-    def answer(self, port: Connection, frames: Iterable[Frame]) -> None:
-        """Send frames of a node about an event that only its own host has noticed."""
-        self._send(port, self._stations[port].transmitter.passed(frames))
-
     def babble(self, frames: int, can_id: int = 0x001) -> None:
         """Let a faulty node send 8 bytes that many times in every cycle; 0 ends it.
 
@@ -431,14 +425,14 @@ class FaultyBus(LocalBus):
         self._room = max(0, TICK_US - self._babble_time)
 
         def answer(frame: Frame) -> list[Frame]:
-            return [self._babble] * frames if frame.can_id == self._sync_id else []
+            return [self._babble] * frames if frame.can_id == SYNC_ID else []
 
         self._babbler = Connection(self, answer, None, False)
         self._add(self._babbler)
 
     def has_room(self, frame: Frame) -> bool:
         """Return whether a frame still fits into this cycle, and count it."""
-        if self._babbler is None or frame.can_id in (self._sync_id, self._babble.can_id):
+        if self._babbler is None or frame.can_id in (SYNC_ID, self._babble.can_id):
             return True
         if frame.can_id < self._babble.can_id:
             return True

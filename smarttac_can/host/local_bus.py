@@ -82,8 +82,6 @@ class LocalBus:
 
     Parameters
     ----------
-    sync_id
-        COB-ID of the SYNC that is the tick of the nodes in lockstep.
     bit_rate
         Bit rate in bit/s, above 0; used only for the time stamps.
     log
@@ -100,14 +98,12 @@ class LocalBus:
     def __init__(
         self,
         *,
-        sync_id: int = SYNC_ID,
         bit_rate: int = 1_000_000,
         log: LogHook | None = None,
         wire: Wire | None = None,
     ) -> None:
         if bit_rate <= 0:
             raise ValueError(f"bit_rate {bit_rate} is not above 0")
-        self._sync_id = sync_id
         self._log = log
         self._wire = wire
         # Rounded up, because a time stamp is a worst case.
@@ -207,8 +203,7 @@ class LocalBus:
             return
         self._draining = True
         queue = self._queue
-        sync_id, durations = self._sync_id, self._durations
-        log = self._log
+        durations, log = self._durations, self._log
         wire = self._wire
         quiet = _STORM_FRAMES
         try:
@@ -219,7 +214,7 @@ class LocalBus:
                     raise BusError(f"no rest on the local bus after {_STORM_FRAMES} frames")
                 for frame in frames:
                     hearers = sender._others
-                    if frame.can_id == sync_id and self._lockstep:
+                    if frame.can_id == SYNC_ID and self._lockstep:
                         hearers = sender._ticked
                         self._pass_time(TICK_US)
                         quiet = _STORM_FRAMES

@@ -97,17 +97,9 @@ def read_log(path: Path, on_cut: OnCut | None = None) -> Iterator[tuple[int, Fra
     raise ValueError(f"{path} is none of {', '.join(LOG_SUFFIXES)}")
 
 
-def read_candump(path: Path, on_cut: OnCut | None = None) -> Iterator[tuple[int, Frame]]:
-    """Read a candump log with any suffix; otherwise as `read_log`.
-
-    Parameters
-    ----------
-    path
-        Log written by can-utils, python-can or `CandumpWriter`.
-    on_cut
-        As for `read_log`.
-    """
-    return _read_text(path, _CANDUMP, on_cut)
+def read_candump(path: Path) -> Iterator[tuple[int, Frame]]:
+    """Read a candump log with any suffix; otherwise as `read_log`, where a cut line is an error."""
+    return _read_text(path, _CANDUMP, None)
 
 
 def _read_text(path: Path, suffix: str, on_cut: OnCut | None) -> Iterator[tuple[int, Frame]]:

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager, suppress
 from time import monotonic_ns, sleep
-from typing import Final, Protocol
+from typing import Final
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.port import Identifiers
@@ -71,8 +71,8 @@ _END_S: Final = 10.0
 """Longest time in s that a node in a thread takes to end."""
 
 
-class Observer(Protocol):
-    """Interface through which people can follow the state of a node."""
+class Observer:
+    """Base of what follows the state of a node for people; each method here does nothing."""
 
     def started(self) -> None:
         """Handle that the node has been switched on."""
@@ -87,23 +87,7 @@ class Observer(Protocol):
         """Handle that the node was shut down."""
 
 
-class Nobody:
-    """An observer that does nothing."""
-
-    def started(self) -> None:
-        """Do nothing."""
-
-    def follow(self) -> None:
-        """Do nothing."""
-
-    def full(self, reason: QueueFullError) -> None:
-        """Do nothing."""
-
-    def stopped(self) -> None:
-        """Do nothing."""
-
-
-_NOBODY: Final = Nobody()
+_NOBODY: Final = Observer()
 
 
 def run_node(

@@ -8,18 +8,11 @@ from typing import TYPE_CHECKING
 from smarttac_can._faces import lazily
 
 if TYPE_CHECKING:
-    from smarttac_can.master.local_master import LocalMaster
     from smarttac_can.master.sdo_client import SharedSdoClient
 
-__all__ = ["LocalMaster", "SharedSdoClient"]
+__all__ = ["SharedSdoClient"]
 
-__getattr__ = lazily(
-    __name__,
-    {
-        "LocalMaster": "local_master",
-        "SharedSdoClient": "sdo_client",
-    },
-)
+__getattr__ = lazily(__name__, {"SharedSdoClient": "sdo_client"})
 
 # Errors of python-canopen repeat its log; without a handler Python would print that log, too.
 logging.getLogger("canopen").addHandler(logging.NullHandler())

@@ -325,42 +325,6 @@ class ModelSheet:
         self._quality.value = self._quality.quantise(model.quality)
 
 
-class NullWindow:
-    """Check of gauge nulls: their values at calibration, and how far they may drift.
-
-    Parameters
-    ----------
-    od
-        Object dictionary of ``stimulator.eds``.
-    """
-
-    def __init__(self, od: ObjectDictionary) -> None:
-        self._window = od[f"{NULL}.Window"]
-        self._nulls = [od[f"{NULL}.Null of S{number}"] for number in range(1, 7)]
-
-    def require(self, zeros: Forces) -> None:
-        """Check zeros in N against the nulls at calibration.
-
-        Raises
-        ------
-        ValueError
-            A zero is outside the window. One line names the gauge that is furthest off, its reading
-            and the window.
-        """
-        off = [zero - null.si_value for zero, null in zip(zeros, self._nulls, strict=True)]
-        worst = max(range(len(off)), key=lambda at: abs(off[at]))
-        if abs(off[worst]) > self._window.si_value:
-            raise ValueError(
-                f"{NOT_TARED}S{worst + 1} reads {_mN(zeros[worst])}, more than "
-                f"{_mN(self._window.si_value)} from its null of "
-                f"{_mN(self._nulls[worst].si_value)}: lift what rests on the plate, and tare"
-            )
-
-
-def _mN(newton: float) -> str:
-    return f"{newton * 1e3:.0f} mN"
-
-
 class Taring:
     """Tare the gauges, and keep the zeros in force, in the objects and in storage the same.
 
@@ -374,7 +338,8 @@ class Taring:
 
     def __init__(self, od: ObjectDictionary, supervisor: Supervisor) -> None:
         self._supervisor = supervisor
-        self._window = NullWindow(od)
+        self._window = od[f"{NULL}.Window"]
+        self._nulls = [od[f"{NULL}.Null of S{number}"] for number in range(1, 7)]
         self._zeros = [od[f"{GAUGE_ZERO}.Zero of S{number}"] for number in range(1, 7)]
         self._at_power_on = od["Tare at power-on"]
         self._cycles = od["Cycle.Cycles"]
@@ -426,9 +391,30 @@ class Taring:
         except ValueError as error:
             raise Abort(AbortCode.STATE, str(error)) from error
 
+    def require_near_null(self, zeros: Forces) -> None:
+        """Check zeros in N against the nulls at calibration, from which they drift.
+
+        Raises
+        ------
+        ValueError
+            A zero is outside the window. One line names the gauge that is furthest off, its reading
+            and the window.
+        """
+        off = [zero - null.si_value for zero, null in zip(zeros, self._nulls, strict=True)]
+        worst = max(range(len(off)), key=lambda at: abs(off[at]))
+        if abs(off[worst]) > self._window.si_value:
+            reads, window, null = (
+                f"{newton * 1e3:.0f} mN"
+                for newton in (zeros[worst], self._window.si_value, self._nulls[worst].si_value)
+            )
+            raise ValueError(
+                f"{NOT_TARED}S{worst + 1} reads {reads}, more than {window} from its null of "
+                f"{null}: lift what rests on the plate, and tare"
+            )
+
     def _tare(self, cascade: Cascade) -> None:
         zeros = cascade.null()
-        self._window.require(zeros)
+        self.require_near_null(zeros)
         for entry, zero in zip(self._zeros, zeros, strict=True):
             entry.value = entry.quantise(zero)
         self._put_in_force(cascade)

@@ -53,7 +53,7 @@ class SimulatedPlate:
     cause: FaultCode | None = None
     trouble = ""
 
-    def __init__(self, od: ObjectDictionary, recording: Finger | None = None) -> None:
+    def __init__(self, od: ObjectDictionary, recording: Finger | None) -> None:
         self._od = od
         self._recording = recording
         self._of_weight = [

@@ -61,7 +61,7 @@ class FaultMemory:
         for place, line in zip(self._places, self.lines, strict=False):
             place.value = line
 
-    def note(self, code: int, text: str, circumstances: str = "") -> None:
+    def note(self, code: int, text: str, circumstances: str) -> None:
         """Add a fault, with mode and set-points unless other circumstances are given."""
         line = f"{code:04X}h {text}; {circumstances or self._asked()}"
         self.recall((line, *self.lines))
@@ -72,9 +72,7 @@ class FaultMemory:
 
 
 def _shown(entry: Entry) -> str:
-    name = entry.name.rpartition(".")[2]
-    number = entry.value * float(entry.unit.number)
-    return f"{name} {number:.10g} {entry.unit.symbol}".rstrip()
+    return f"{entry.name.rpartition('.')[2]} {entry.shown(entry.value)}"
 
 
 # Needed in every cycle: module constants, as looking up an enumeration member is much slower.

@@ -148,6 +148,10 @@ class Entry:
             like = self.unit.symbol and f" with a unit like {self.unit.symbol}"
             raise ValueError(f"{self.name} {text!r} is not a number{like}") from None
 
+    def shown(self, raw: float) -> str:
+        """Return a raw value in the displayed unit, such as ``3000 nm``."""
+        return f"{raw * float(self.unit.number):.12g} {self.unit.symbol}".rstrip()
+
     def quantise(self, si: float) -> int:
         """Return the raw value nearest to a quantity in SI base units, within the limits.
 

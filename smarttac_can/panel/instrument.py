@@ -11,20 +11,19 @@ from __future__ import annotations
 import threading
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Mapping
 from functools import partial
 from time import monotonic
 from typing import Final, NamedTuple
 
-from smarttac_can.bench import BenchError, Stimulator, Texture
+from smarttac_can.bench import Stimulator, Texture
 from smarttac_can.bench.link import Row
 from smarttac_can.bench.simulation import open_guided_link
 from smarttac_can.host.background import Background
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.vocabulary.faults import PICKUP, PICKUP_Q, THERMOMETER, FaultKind
 from smarttac_can.vocabulary.meanings import FAULT_KIND
-from smarttac_can.watch.commands import obey
+from smarttac_can.watch.commands import Operator, answered, obey
 from smarttac_can.watch.listener import Listener
 from smarttac_can.watch.watcher import PUBLISHED, READ, View, Watcher, view_of
 
@@ -250,7 +249,7 @@ class SimulatedBench(Instrument):
         elif self._waiting:
             who, text = self._waiting.popleft()
             if self.lease.held_by(who):
-                self.answer = _answer(partial(self._obey, text))
+                self.answer = answered(partial(self._obey, text))
         if self._simulated_to is None:
             self._simulated_to = now
         cycles = min(round((now - self._simulated_to) / _CYCLE_S), _MOST_CYCLES)
@@ -292,10 +291,14 @@ class SimulatedBench(Instrument):
         if what not in _FAULTS:
             raise ValueError(f"{what!r} is none of: {', '.join(FAULTS)}")
         kind, sensor, value = _FAULTS[what]
-        of_fault = {"Fault.Sensor": sensor, "Fault.Value": value, "Fault.Delay in cycles": 0}
-        for name, raw in of_fault.items():
-            self._stimulator.set(name, raw)
-        self._stimulator.set(FAULT_KIND, int(kind))
+        self._stimulator.set_all(
+            {
+                "Fault.Sensor": sensor,
+                "Fault.Value": value,
+                "Fault.Delay in cycles": 0,
+                FAULT_KIND: int(kind),
+            }
+        )
 
 
 class BusInstrument(Instrument):
@@ -321,33 +324,23 @@ class BusInstrument(Instrument):
         od: ObjectDictionary,
         watcher: Watcher,
         listener: Listener,
-        stimulator: Stimulator | None = None,
+        stimulator: Stimulator | None,
     ) -> None:
         super().__init__(where, od, drives=stimulator is not None, pause=_HEARD_S)
-        self._watcher, self._listener = watcher, listener
+        self._watcher = watcher
         self._stimulator = stimulator
-        self._worker = ThreadPoolExecutor(1, "drive")
-        self._doing: Future[str] | None = None
+        self._operator = Operator(watcher, listener)
 
     def step(self, now: float) -> None:
         """Take received frames, send those that are due, and follow the command in progress."""
-        watcher = self._watcher
         if self._begin_stop():
-            watcher.stop()
-        elif self._waiting and self._doing is None:
-            self._doing = self._worker.submit(self._obey, *self._waiting.popleft())
-        watcher.lost = self._listener.lost
-        for at, frame in self._listener.heard():
-            watcher.receive(at, frame)
-        if self._doing is not None and watcher.stopping:
-            # The command in progress must not arm again after the stop.
-            watcher.stop()
-        if self._doing is not None and self._doing.done():
-            self.answer = self._doing.result()
-            self._doing = None
-        for frame in watcher.advance(now):
-            self._listener.send(frame)
-        self.seen = Seen(now, watcher.view(now))
+            self._watcher.stop()
+        elif self._waiting and not self._operator.busy:
+            self._operator.begin(partial(self._obey, *self._waiting.popleft()))
+        answer = self._operator.step(now)
+        if answer is not None:
+            self.answer = answer
+        self.seen = Seen(now, self._watcher.view(now))
 
     def _stops(self) -> bool:
         return super()._stops() or self._watcher.stopping
@@ -356,19 +349,10 @@ class BusInstrument(Instrument):
         stimulator = self._stimulator
         if stimulator is None or not self.lease.held_by(who):
             return f"{text}: not done, its page does not drive"
-        return _answer(partial(obey, stimulator, text))
+        return answered(partial(obey, stimulator, text))
 
     def _go(self) -> None:
         try:
             super()._go()
         finally:
-            self._worker.shutdown()
-
-
-def _answer(do: Callable[[], str]) -> str:
-    """Call a function, and return its result or error as printable text for a page."""
-    try:
-        answer = do()
-    except (BenchError, ValueError) as error:
-        answer = str(error)
-    return "".join(c if c.isprintable() else "?" for c in answer)
+            self._operator.end()

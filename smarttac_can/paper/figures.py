@@ -58,6 +58,8 @@ CURVES: dict[str, dict[str, Any]] = {
 """Line styles of Fig. 7."""
 _MOVING_SUBJECT, _MOVING_FROM, _MOVING_MS, _FRAME_MS = 3, 2000, 960, 10
 """Subject of the animation, its first tick, its length and the time between frames in ms."""
+_UNTIL_MS = 20
+"""End of the time axis of Fig. 5 and 6 in ms."""
 _SLOWER = 5
 """Factor by which the animation is slower than the finger."""
 _ACROSS_MM = 16.0
@@ -121,14 +123,14 @@ def fig3(law: Callable[[float], float]) -> Figure:
     return figure
 
 
-def fig5(traces: Iterable[Trace], until_ms: int = 20) -> Figure:
+def fig5(traces: Iterable[Trace]) -> Figure:
     """Draw the amplitude after switch-on with both loops and with one; the 5 % band (Fig. 5)."""
     traces = list(traces)
     low, high = (AMPLITUDE_UM * (1 + sign * RESPONSE_BAND) for sign in (-1, 1))
     with canvas(7.2, 4.6) as figure:
         axes = figure.subplots()
         axes.axhspan(low, high, color=BAND, zorder=0)
-        axes.text(until_ms, high, "±5 % ", ha="right", va="bottom", color=PALE)
+        axes.text(_UNTIL_MS, high, "±5 % ", ha="right", va="bottom", color=PALE)
         for row, (loops, (colour, marker, line, name)) in enumerate(RUNS.items()):
             trace = find(traces, f"fig5.{loops}")
             amplitude = from_switch_on(trace, trace.amplitude_um)
@@ -142,7 +144,7 @@ def fig5(traces: Iterable[Trace], until_ms: int = 20) -> Figure:
             note = f" {entry:.1f} ms{paper}"
             text = axes.text(entry, 0.04 + 0.09 * row, note, color=colour, weight="bold")
             text.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 1})
-        axes.set(xlim=(0, until_ms), xticks=range(0, until_ms + 1, 2))
+        axes.set(xlim=(0, _UNTIL_MS), xticks=range(0, _UNTIL_MS + 1, 2))
         axes.set(title="Amplitude after switch-on, 140 Hz off (simulated)")
         axes.set_ylim(0, max(1.15, axes.get_ylim()[1]))
         axes.set_xlabel("time (ms)")
@@ -151,7 +153,7 @@ def fig5(traces: Iterable[Trace], until_ms: int = 20) -> Figure:
     return figure
 
 
-def fig6(traces: Iterable[Trace], until_ms: int = 20) -> Figure:
+def fig6(traces: Iterable[Trace]) -> Figure:
     """Draw the voltage that holds the amplitude with both loops and with one (Fig. 6)."""
     traces = list(traces)
     runs = {loops: find(traces, f"fig5.{loops}") for loops in LOOPS}
@@ -162,11 +164,11 @@ def fig6(traces: Iterable[Trace], until_ms: int = 20) -> Figure:
         for loops, (colour, marker, line, name) in RUNS.items():
             voltage = from_switch_on(runs[loops], runs[loops].voltage_v)
             _plot_run(axes, voltage, colour, marker, line, name, drawstyle="steps-post")
-        at = 0.93 * until_ms
+        at = 0.93 * _UNTIL_MS
         axes.annotate("", (at, finals[0]), (at, finals[1]), arrowprops={"arrowstyle": "<->"})
         note = f"{percent:+.1f} %{published('fig6.voltage_difference_percent')}"
         axes.text(at, float(np.mean(finals)), note + "  ", ha="right", va="center", weight="bold")
-        axes.set(xlim=(0, until_ms), xticks=range(0, until_ms + 1, 2))
+        axes.set(xlim=(0, _UNTIL_MS), xticks=range(0, _UNTIL_MS + 1, 2))
         axes.set(title=f"Voltage for {AMPLITUDE_UM:g} µm (simulated)")
         axes.set_ylim(0, 1.08 * axes.get_ylim()[1])
         axes.set_xlabel("time (ms)")

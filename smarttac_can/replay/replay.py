@@ -681,4 +681,4 @@ def _shown(entry: Entry, raw: object) -> str:
         return repr(raw)
     if entry.name.endswith("word"):
         return f"{raw:#06x}"
-    return f"{raw * float(entry.unit.number):.12g} {entry.unit.symbol}".rstrip()
+    return entry.shown(raw)

@@ -376,11 +376,12 @@ def _place(plate: ObjectDictionary, mapping: int, direction: Direction, name: st
     return sum(entry.size for entry in entries[: names.index(name)])
 
 
-_CURVES: Final = {
+CURVES: Final = {
     "sync": "SYNC later than 1 ms after the last",
     "measurement": "measurement after SYNC",
     "drive": "drive after SYNC",
 }
+"""Names for people of the delays of a `LoopTiming`, by attribute."""
 _BINS: Final = 120
 _MS_PER_US: Final = 1e-3
 
@@ -396,7 +397,7 @@ def histogram(timing: LoopTiming) -> Figure:
     from smarttac_can.bench.drawing import GREEN, INK, PALE, RED, canvas  # noqa: PLC0415 - an extra
 
     styles = {"sync": (PALE, ":"), "measurement": (GREEN, "--"), "drive": (RED, "-")}
-    curves: dict[str, Delays] = {name: getattr(timing, name) for name in _CURVES}
+    curves: dict[str, Delays] = {name: getattr(timing, name) for name in CURVES}
     longest = max(delays.quantile_us(1.0) for delays in curves.values())
     edges = np.linspace(0, longest + 1, _BINS + 1)
     with canvas(7.2, 4.6) as figure:
@@ -406,7 +407,7 @@ def histogram(timing: LoopTiming) -> Figure:
                 list(delays.counts), edges, weights=list(delays.counts.values())
             )
             colour, line = styles[name]
-            label = f"{_CURVES[name]}, at most {delays.quantile_us(1.0) * _MS_PER_US:.2f} ms"
+            label = f"{CURVES[name]}, at most {delays.quantile_us(1.0) * _MS_PER_US:.2f} ms"
             axes.stairs(
                 counts,
                 edges * _MS_PER_US,

@@ -12,7 +12,7 @@ from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.nodes.plate_block import PlateBlock, SimulatedPlate
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.od.cia import Abort
-from smarttac_can.plant.finger import FingerState, smooth
+from smarttac_can.plant.finger import FingerState, Lifted, smooth
 from smarttac_can.plant.parameters import PlateParameters
 from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.subjects import SUBJECTS, Subject
@@ -180,7 +180,7 @@ def healthy_run(seed: int) -> HealthyRun:
     if identifies:
         # There is no finger during the identification.
         backend.plate = Plate(
-            PlateParameters(), SUBJECTS[0], _Still(), seed=seed, ambient=ambient,
+            PlateParameters(), SUBJECTS[0], Lifted(), seed=seed, ambient=ambient,
             dead_time=dead_time * 1e-6,
         )  # fmt: skip
         _tare(block)
@@ -194,12 +194,6 @@ def healthy_run(seed: int) -> HealthyRun:
         backend.plate = plate
     _tare(block)
     return _driven(seed, draw, bench, f"{law.name} {friction.name} {dead_time} us, {finger}")
-
-
-class _Still:
-    def at(self, time: float) -> FingerState:  # noqa: ARG002 - the same at all times
-        """Return the lifted state."""
-        return FingerState(0.0, 0.0)
 
 
 def _tare(block: StimulatorBlock) -> None:

@@ -414,7 +414,7 @@ class Hostile:
     """
 
     def __init__(
-        self, actions: int, seed: int, progress: Callable[[float], None] | None = None
+        self, actions: int, seed: int, progress: Callable[[float], None] = lambda _share: None
     ) -> None:
         if actions < 1:
             raise ValueError(f"actions {actions} is below 1")
@@ -468,8 +468,7 @@ class Hostile:
                 self._master.act()
             rig.cycle()
             self._master.act()
-            if self._progress is not None:
-                self._progress((number + 1) / total)
+            self._progress((number + 1) / total)
 
     def _bursts(self) -> set[int]:
         """Draw which actions use an identifier of the pair."""

@@ -556,16 +556,8 @@ def _identification(dead_time: int, softening: float) -> dict[str, Any]:
     return bench.stored()
 
 
-def run_cell(cell: Cell, promise: Promise = PROMISES) -> Result:
-    """Run a cell and return its result.
-
-    Parameters
-    ----------
-    cell
-        Cell to run.
-    promise
-        Bounds with which the result is compared.
-    """
+def run_cell(cell: Cell) -> Result:
+    """Run a cell and return its result."""
     failure = parse_failure(cell.failure)
     mode = Mode[cell.mode]
     sound = cell.identified == "sound" and mode is not Mode.IDENTIFY
@@ -584,14 +576,14 @@ def run_cell(cell: Cell, promise: Promise = PROMISES) -> Result:
         lifts = (reference + 100) * TICK
     finger = CellFinger(cell.force, lands, lifts)
     bench.begin(cell, finger, failure, onset)
-    return _watched(cell, failure, bench, (onset, reference), promise)
+    return _watched(cell, failure, bench, (onset, reference))
 
 
-def bounds(cell: Cell, promise: Promise = PROMISES) -> tuple[float, float]:
+def bounds(cell: Cell) -> tuple[float, float]:
     """Return the bounds of the true amplitude in m, without and with contact."""
     sound = cell.identified == "sound" and cell.mode != Mode.IDENTIFY.name
-    share = promise.model_share if sound else promise.lowest_gain
-    return promise.bare_um * 1e-6 / share, promise.touched_um * 1e-6
+    share = PROMISES.model_share if sound else PROMISES.lowest_gain
+    return PROMISES.bare_um * 1e-6 / share, PROMISES.touched_um * 1e-6
 
 
 class _Meter:
@@ -603,13 +595,11 @@ class _Meter:
         Plate whose vibration is measured.
     bare, touched
         Bounds of the amplitude in m without and with contact.
-    contact
-        Normal force in N from which on there is contact.
     """
 
-    def __init__(self, plate: Plate, bare: float, touched: float, contact: float) -> None:
+    def __init__(self, plate: Plate, bare: float, touched: float) -> None:
         self._plate = plate
-        self._bare, self._touched, self._contact = bare, touched, contact
+        self._bare, self._touched = bare, touched
         self.peak = self._square = 0.0
         self.above = self._row = self.in_a_row = 0
 
@@ -618,7 +608,7 @@ class _Meter:
         plate = self._plate
         W = abs(plate.W)
         self.peak = max(self.peak, W)
-        if self._bare < W and (plate.Fn <= self._contact or self._touched < W):
+        if self._bare < W and (plate.Fn <= PROMISES.contact_N or self._touched < W):
             self._square += W * W
             self.above += 1
             self._row += 1
@@ -633,9 +623,7 @@ class _Meter:
         return 0.5 * _PLATE.damping * velocity * velocity * self._square * TICK
 
 
-def _watched(
-    cell: Cell, failure: Failure, bench: _Bench, ticks: tuple[int, int], promise: Promise
-) -> Result:
+def _watched(cell: Cell, failure: Failure, bench: _Bench, ticks: tuple[int, int]) -> Result:
     """Drive, and return the result.
 
     ``ticks`` are the tick from which the sensor fails, and the tick from which cycles count.
@@ -643,7 +631,7 @@ def _watched(
     onset, reference = ticks
     block, tick = bench.block, bench.block.tick
     plate, supervisor = bench.plate.plate, block.supervisor
-    meter = _Meter(plate, *bounds(cell, promise), promise.contact_N)
+    meter = _Meter(plate, *bounds(cell))
     look = meter.look
     steps = cell.onset == "step"
     bench.set(cell, _LOW if steps else 1.0)
@@ -663,7 +651,7 @@ def _watched(
         look()
         limited += bool(status.value & bit)
         mu_ref = block.cascade.mu_ref
-        if mu_ref and plate.tick > reference and _slides(plate, promise.contact_N):
+        if mu_ref and plate.tick > reference and _slides(plate):
             errors.append(abs(plate.mu_true - mu_ref))
         if not ended and supervisor.latched:
             ended = "+".join(w.name for w in watchdogs_in(supervisor.latched))
@@ -675,27 +663,27 @@ def _watched(
         meter.above, round(meter.energy, 4), limited,
         round(sum(errors) / len(errors), 4) if errors else 0.0,
     )  # fmt: skip
-    violation = broken_promise(cell, result, promise)
+    violation = broken_promise(cell, result)
     if ended and reference + after < onset:
         violation = f"{ended} tripped {-after} cycles before the failure: a false trip"
     return replace(result, violation=violation)
 
 
-def _slides(plate: Plate, contact: float) -> bool:
-    return plate.Fn > contact and abs(cos(_OMEGA * plate.tick * TICK)) > _SLIDING
+def _slides(plate: Plate) -> bool:
+    return plate.Fn > PROMISES.contact_N and abs(cos(_OMEGA * plate.tick * TICK)) > _SLIDING
 
 
-def broken_promise(cell: Cell, result: Result, promise: Promise = PROMISES) -> str:
+def broken_promise(cell: Cell, result: Result) -> str:
     """Return the promise that a cell breaks, and how; empty for none."""
-    most = promise.cycles
+    most = PROMISES.cycles
     if cell.motion in ("landing", "lifting"):
-        most += promise.gauge_lag
-    bare, touched = bounds(cell, promise)
+        most += PROMISES.gauge_lag
+    bare, touched = bounds(cell)
     where = f"{bare * 1e6:.2f} um without contact, {touched * 1e6:.2f} um with it"
     if result.above > most:
         return f"{result.above} cycles above {where}; {most} are promised"
-    if result.energy_J > promise.energy_J:
-        return f"{result.energy_J:g} J above {where}; {promise.energy_J:g} J are promised"
+    if result.energy_J > PROMISES.energy_J:
+        return f"{result.energy_J:g} J above {where}; {PROMISES.energy_J:g} J are promised"
     return ""
 
 

@@ -426,6 +426,8 @@ class SoakWatch:
 
 
 CYCLES_PER_HOUR: Final = 3_600_000
+Progress = Callable[[float], None]
+"""Function that is called with the fraction that is done, 0..1."""
 _READY_CYCLES: Final = 5
 _PATIENCE_CYCLES: Final = 2000
 _MISSED: Final = 1 << Watchdog.HEARTBEAT
@@ -448,9 +450,7 @@ class Soak:
         Function that is called with the fraction that is done, 0..1.
     """
 
-    def __init__(
-        self, cycles: int, seed: int, progress: Callable[[float], None] | None = None
-    ) -> None:
+    def __init__(self, cycles: int, seed: int, progress: Progress = lambda _share: None) -> None:
         if cycles < 1:
             raise ValueError(f"cycles {cycles} is below 1")
         self._length = cycles
@@ -480,8 +480,7 @@ class Soak:
         acts, weights = zip(*scenes, strict=True)
         while rig.cycles < self._length:
             self._run_scene(self._random.choices(acts, weights)[0])
-            if self._progress is not None:
-                self._progress(min(1.0, rig.cycles / self._length))
+            self._progress(min(1.0, rig.cycles / self._length))
         report.simulated_s = rig.cycles * 1e-3
         report.faults = dict(sorted(self._faults.items()))
         report.tolerated = dict(sorted(self._tolerated.items()))
@@ -704,8 +703,6 @@ _GOLDEN: Final = 0x9E3779B9
 _SEEDS: Final = 1 << 32
 _POLL_S: Final = 0.2
 
-Progress = Callable[[float], None]
-
 
 class Part(NamedTuple):
     """A part of a soak, run as a `Soak` of its own."""
@@ -732,9 +729,7 @@ def parts(cycles: int, seed: int) -> list[Part]:
     ]
 
 
-def soak_in_parts(
-    chosen: Sequence[Part], *, jobs: int = 1, progress: Progress | None = None
-) -> SoakReport:
+def soak_in_parts(chosen: Sequence[Part], *, jobs: int = 1, progress: Progress) -> SoakReport:
     """Run all parts; the report does not depend on the number of processes.
 
     Parameters
@@ -753,10 +748,9 @@ def soak_in_parts(
     BrokenProcessPool
         One of the processes was killed.
     """
-    report = progress or (lambda _share: None)
     if jobs == 1 or len(chosen) == 1:
-        return merged(list(_one_by_one(chosen, report)))
-    return merged(_side_by_side(chosen, jobs, report))
+        return merged(list(_one_by_one(chosen, progress)))
+    return merged(_side_by_side(chosen, jobs, progress))
 
 
 def _one_by_one(chosen: Sequence[Part], report: Progress) -> Iterator[SoakReport]:

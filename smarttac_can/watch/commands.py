@@ -1,10 +1,14 @@
-"""Commands for a stimulator that a person types as a line, for all user interfaces."""
+"""What a person types as a line for a stimulator, and what does it, for all screens."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Final
 
-from smarttac_can.bench import Stimulator
+from smarttac_can.bench import BenchError, Stimulator
+from smarttac_can.watch.listener import Listener
+from smarttac_can.watch.watcher import Watcher
 
 _SET_POINTS: Final = {
     "amplitude": "amplitude UM",
@@ -82,3 +86,64 @@ def _given(text: str) -> float | str:
         return float(text)
     except ValueError:
         return text
+
+
+def answered(do: Callable[[], str], words: Callable[[object], str] = str) -> str:
+    """Call a function; return its result, or the words for its error, as printable text.
+
+    The Message of a device may contain control characters for a terminal.
+    """
+    try:
+        answer = do()
+    except (BenchError, ValueError) as error:
+        answer = words(error)
+    return "".join(c if c.isprintable() else "?" for c in answer)
+
+
+class Operator:
+    """Keeps a watcher up to date with its bus, and does the commands of a person one by one.
+
+    A thread of its own waits for the answers of the stimulator.
+
+    Parameters
+    ----------
+    watcher
+        Watcher of the stimulator.
+    listener
+        Running listener that supplies the frames, and sends those of the watcher.
+    """
+
+    def __init__(self, watcher: Watcher, listener: Listener) -> None:
+        self._watcher, self._listener = watcher, listener
+        self._worker = ThreadPoolExecutor(1, "drive")
+        self._doing: Future[str] | None = None
+
+    @property
+    def busy(self) -> bool:
+        """Whether a command is in progress."""
+        return self._doing is not None
+
+    def begin(self, command: Callable[[], str]) -> None:
+        """Begin a command, which returns its result as text."""
+        self._doing = self._worker.submit(command)
+
+    def step(self, now: float) -> str | None:
+        """Exchange frames with the bus at a time in s; return the result of a command that ended.
+
+        A command in progress must not arm after a stop: until it has ended, the stop is repeated.
+        """
+        watcher, result = self._watcher, None
+        watcher.lost = self._listener.lost
+        for at, frame in self._listener.heard():
+            watcher.receive(at, frame)
+        if self._doing is not None and watcher.stopping:
+            watcher.stop()
+        if self._doing is not None and self._doing.done():
+            result, self._doing = self._doing.result(), None
+        for frame in watcher.advance(now):
+            self._listener.send(frame)
+        return result
+
+    def end(self) -> None:
+        """Wait for the end of the command in progress."""
+        self._worker.shutdown()

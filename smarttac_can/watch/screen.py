@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from textwrap import wrap
 from time import monotonic
 from typing import ClassVar, Final, NamedTuple
@@ -13,9 +13,9 @@ from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
 from textual.widgets import Input, Static
 
-from smarttac_can.bench import BenchError, Stimulator
+from smarttac_can.bench import Stimulator
 from smarttac_can.bench.errors import in_shell_words
-from smarttac_can.watch.commands import HINT, obey
+from smarttac_can.watch.commands import HINT, Operator, answered, obey
 from smarttac_can.watch.listener import Listener
 from smarttac_can.watch.watcher import Peer, View, Watcher
 
@@ -66,11 +66,9 @@ class WatchScreen(App[None]):
     ) -> None:
         super().__init__()
         self._watcher = watcher
-        self._listener = listener
         self._where = where
         self._stimulator = stimulator
-        self._worker: ThreadPoolExecutor | None = None
-        self._doing: Future[str] | None = None
+        self._operator = Operator(watcher, listener)
         self._report = ""
 
     def compose(self) -> ComposeResult:
@@ -83,15 +81,13 @@ class WatchScreen(App[None]):
     def on_mount(self) -> None:
         """Begin to follow the bus."""
         if self._stimulator is not None:
-            self._worker = ThreadPoolExecutor(1, "drive")
             self.query_one(Input).focus()
         self.set_interval(_TICK_S, self._tick)
         self._tick()
 
     def on_unmount(self) -> None:
         """Wait for the end of the present command."""
-        if self._worker is not None:
-            self._worker.shutdown()
+        self._operator.end()
 
     def action_stop(self) -> None:
         """Disarm, also during a command; a screen that only reads has no such key."""
@@ -103,39 +99,22 @@ class WatchScreen(App[None]):
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         """Execute a command, one at a time."""
-        if self._doing is not None or self._watcher.stopping:
+        if self._operator.busy or self._watcher.stopping:
             self._report = "wait: the last one is not done yet"
-        elif self._worker is not None and self._stimulator is not None and event.value.strip():
+        elif self._stimulator is not None and event.value.strip():
             self._report = f"doing: {event.value.strip()}"
-            self._doing = self._worker.submit(obey, self._stimulator, event.value)
+            command = partial(obey, self._stimulator, event.value)
+            self._operator.begin(partial(answered, command, in_shell_words))
             event.input.value = ""
 
     def _tick(self) -> None:
         if not self.is_running:
             return
         now = monotonic()
-        self._watcher.lost = self._listener.lost
-        for at, frame in self._listener.heard():
-            self._watcher.receive(at, frame)
-        self._follow_command()
-        for frame in self._watcher.advance(now):
-            self._listener.send(frame)
+        report = self._operator.step(now)
+        if report is not None:
+            self._report = report
         self._show(now)
-
-    def _follow_command(self) -> None:
-        if self._doing is None:
-            return
-        if self._watcher.stopping:
-            # A command that is still running must not arm after the stop.
-            self._watcher.stop()
-        if not self._doing.done():
-            return
-        try:
-            self._report = self._doing.result()
-        except (BenchError, ValueError) as error:
-            # The Message of a device may contain control characters for a terminal.
-            self._report = "".join(c if c.isprintable() else "?" for c in in_shell_words(error))
-        self._doing = None
 
     def _show(self, now: float) -> None:
         width, height = self.size

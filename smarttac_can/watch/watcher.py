@@ -7,9 +7,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Final, NamedTuple
 
 from smarttac_can.bench.link import PUBLIC, PublishedPdo, published_pdos
-from smarttac_can.commissioning.scan import STATES, UNKNOWN
 from smarttac_can.device.frame import Frame
-from smarttac_can.device.nmt import NMTState
+from smarttac_can.device.nmt import STATES, NMTState, state_text
 from smarttac_can.master import requests
 from smarttac_can.od.cia import (
     CAN_ID_MASK,
@@ -435,7 +434,7 @@ class HeardNode:
 
     def at(self, now: float) -> Peer:
         """Return the state of the node at a time in s."""
-        nmt = "" if self._nmt is None else STATES.get(self._nmt, UNKNOWN)
+        nmt = "" if self._nmt is None else state_text(self._nmt)
         silent = None if self._heard is None else now - self._heard
         return Peer(self.node_id, self.name, nmt, silent)
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from smarttac_can.control.belief import (
+from smarttac_can.control.predictive import (
     _JITTER,
     _MISSED_FROM,
     _NOISE,

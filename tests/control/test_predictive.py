@@ -7,10 +7,12 @@ from first_order_plate import FirstOrderPlate, gauges, run, setpoint
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from smarttac_can.control.belief import PRIOR, PlateNow, Span
 from smarttac_can.control.cascade import Cascade
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.predictive import (
+    PRIOR,
+    PlateNow,
+    Span,
     asked_voltage,
     interrupted,
     observed,

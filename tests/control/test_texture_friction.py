@@ -9,7 +9,7 @@ import pytest
 
 from smarttac_can.control.friction_map import MEAN, value
 from smarttac_can.control.predictive_friction import FROZEN_TICKS, MU_MIN, PATH, FrictionSample
-from smarttac_can.control.texture_friction import (
+from smarttac_can.control.texture import (
     ANYBODY,
     BEHIND_TICKS,
     FLATTEST,

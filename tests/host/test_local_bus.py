@@ -141,17 +141,6 @@ def test_node_with_its_own_clock_is_not_moved_by_the_tick_of_the_others() -> Non
     assert follower.advances == [1000]
 
 
-def test_sync_with_another_cob_id() -> None:
-    bus = LocalBus(sync_id=0x081)
-    node = ToyNode()
-    bus.attach(node)
-    port = bus.connect(lambda frame: None)
-    port.send(SYNC)
-    assert node.advances == []
-    port.send(Frame(0x081))
-    assert node.advances == [1000]
-
-
 def test_closed_port_is_off_the_bus() -> None:
     bus = LocalBus()
     inbox: list[Frame] = []

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from smarttac_can.device.frame import Frame
-from smarttac_can.host.log_file import CandumpWriter, read_candump
+from smarttac_can.host.log_file import CandumpWriter, read_candump, read_log
 
 STAMPS = st.integers(0, 2_000_000_000_000_000)
 IDS = st.integers(0, 0x7FF)
@@ -77,10 +77,10 @@ def test_a_line_that_is_cut(tmp_path: Path) -> None:
     ):
         list(read_candump(path))
     told: list[str] = []
-    assert list(read_candump(path, told.append)) == [(1_000_000, Frame(0x181, b"\0"))]
+    assert list(read_log(path, told.append)) == [(1_000_000, Frame(0x181, b"\0"))]
     assert told == [f"{path}: the last line, 2, is cut and left out"]
     path.write_text(f"{whole}\n")
-    assert len(list(read_candump(path, told.append))) == 2
+    assert len(list(read_log(path, told.append))) == 2
     assert len(told) == 1
 
 
@@ -88,7 +88,7 @@ def test_a_line_that_is_too_long_is_no_cut_one(tmp_path: Path) -> None:
     path = tmp_path / "bus.log"
     path.write_text("1" * 5000)
     with pytest.raises(ValueError, match=r"line 1: '1{60}' is too long: no line of a candump log$"):
-        list(read_candump(path, print))
+        list(read_log(path, print))
 
 
 @pytest.mark.parametrize("channel", ["", "can 0", "can0\n"])

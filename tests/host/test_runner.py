@@ -26,7 +26,7 @@ from toy_node import (
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError, QueueFullError
 from smarttac_can.host.reconnecting_bus import ReconnectingBus
-from smarttac_can.host.runner import Nobody, Observer, run_node
+from smarttac_can.host.runner import Observer, run_node
 
 PROMISE_US = 20_000
 HEARD_LATE_US = 10_000
@@ -174,13 +174,13 @@ def run(
         host,
         host.at_end,
         lockstep=lockstep,
-        observer=observer or Nobody(),
+        observer=observer or Observer(),
         resting=resting,
         **host.time,
     )
 
 
-class Follower(Nobody):
+class Follower(Observer):
     """Notes when it was called."""
 
     def __init__(self, host: Host) -> None:
@@ -491,7 +491,7 @@ def test_a_full_queue_holds_nothing_up_and_is_told_when_the_cycle_is_over(lockst
     node = ToyNode()
     told: list[int] = []
 
-    class Clogged(Nobody):
+    class Clogged(Observer):
         def full(self, reason: QueueFullError) -> None:
             told.append(host.now)
 
@@ -533,7 +533,7 @@ def test_who_has_no_time_is_told_each_50_ms(lockstep: bool, cost: int, full: boo
     assert max(gaps) <= 70_000
 
 
-class Raising(Nobody):
+class Raising(Observer):
     """An observer that fails."""
 
     def __init__(self, at: str) -> None:

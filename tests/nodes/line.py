@@ -11,13 +11,13 @@ from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID, plate_od, sti
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.local_bus import LocalBus
 from smarttac_can.master import requests
-from smarttac_can.master.local_master import LocalMaster
 from smarttac_can.nodes.loop_frames import CheckedFrames, crc8
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import Abort
 from smarttac_can.od.entry import Entry
+from smarttac_can.trials.rig import LocalMaster
 from smarttac_can.vocabulary.states import Mode, State
 
 START, STOP, PREOP, RESET, RESET_COMMUNICATION = 0x01, 0x02, 0x80, 0x81, 0x82

@@ -6,10 +6,11 @@ from typing import Literal
 import pytest
 
 from smarttac_can.bench import FaultError, NotReadyError, RefusedError, State, Stimulator
-from smarttac_can.bench.simulation import od_and_plate, stimulator_od
+from smarttac_can.bench.simulation import od_and_plate, plate_od, stimulator_od
 from smarttac_can.device.storage import Memory
 from smarttac_can.master.requests import download
-from smarttac_can.nodes.parameters import NullWindow
+from smarttac_can.nodes.plate_block import PlateBlock
+from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.vocabulary.faults import FaultKind
 
@@ -56,13 +57,13 @@ def test_the_window_is_around_the_null_of_each_gauge_and_its_end_is_inside(
     nulls = [0.5, -0.25, 0.125, 0.0, 1.0, -1.0]
     for number, null in enumerate(nulls, 1):
         od[f"Gauge null.Null of S{number}"].value = round(null * 1e4)
-    window = NullWindow(od)
+    taring = StimulatorBlock(od, PlateBlock(plate_od()))._taring
     zeros = list(nulls)
     zeros[gauge - 1] += sign * 0.25
-    window.require(tuple(zeros))  # type: ignore[arg-type]
+    taring.require_near_null(tuple(zeros))  # type: ignore[arg-type]
     zeros[gauge - 1] += sign * 0.001
     with pytest.raises(ValueError, match="not tared: ") as refused:
-        window.require(tuple(zeros))  # type: ignore[arg-type]
+        taring.require_near_null(tuple(zeros))  # type: ignore[arg-type]
     null, read = (round(1000 * force) for force in (nulls[gauge - 1], zeros[gauge - 1]))
     assert str(refused.value) == (
         f"not tared: S{gauge} reads {read} mN, more than 250 mN from its null of {null} mN: "

@@ -35,6 +35,13 @@ def test_counts_of_a_quantity_round_half_to_even_and_do_not_clip(text: str, raw:
     assert voltage().counts(text) == raw
 
 
+def test_raw_value_is_shown_in_its_unit() -> None:
+    entry = voltage()
+    assert entry.shown(125) == "1250 mV"
+    entry.unit = ONE
+    assert entry.shown(125) == "125"
+
+
 @given(
     st.decimals(-(10**9), 10**9, places=7),
     st.sampled_from(["V", "mV", "uV", "nV", "kV"]),

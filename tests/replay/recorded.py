@@ -12,11 +12,11 @@ from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID, plate_od, sti
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.local_bus import LocalBus
 from smarttac_can.master import requests
-from smarttac_can.master.local_master import LocalMaster
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import NMTCommand
 from smarttac_can.replay import Replay, Replayed
+from smarttac_can.trials.rig import LocalMaster
 from smarttac_can.vocabulary.meanings import START_RUN
 from smarttac_can.vocabulary.states import Control, Mode
 

@@ -23,9 +23,9 @@ from smarttac_can.bench import Stimulator, Texture
 from smarttac_can.bench.simulation import STIMULATOR_ID
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.local_bus import LocalBus
-from smarttac_can.master.local_master import LocalMaster
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.replay import Difference, DifferenceError, Replay
+from smarttac_can.trials.rig import LocalMaster
 
 READ = Frame(SDO_TO, bytes.fromhex("4000200000000000"))
 """Of the Statusword."""

@@ -137,10 +137,8 @@ def test_a_check_refuses_what_has_changed(
 def test_a_broken_promise_fails_and_is_written(
     tool: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    sound = tool.run_cell
-    monkeypatch.setattr(
-        tool, "run_cell", lambda cell: sound(cell, PROMISES._replace(bare_um=1.0, cycles=2))
-    )
+    broken = PROMISES._replace(bare_um=1.0, cycles=2)
+    monkeypatch.setattr("smarttac_can.trials.sensor_sweep.PROMISES", broken)
     code, said = run(tool, "--healthy", "1")
     assert code == 1
     assert "cycles above 1.01 um without contact, 5.00 um with it; 2 are promised" in said

@@ -230,7 +230,7 @@ def test_voltage_outside_of_running_is_seen(rig: Rig, invariants: Invariants) ->
 def test_history_that_differs_from_the_messages_is_seen(rig: Rig, invariants: Invariants) -> None:
     invariants.clear_history()
     rig.stimulator.device.emergency(0x5210, 0)
-    rig.bus.answer(rig.stimulator_port, rig.stimulator.device.take())
+    rig.stimulator_port.send(*rig.stimulator.device.take())
     invariants.check_history()
     assert not invariants.violated
     rig.od.entry(ERROR_FIELD, 1).value = 0x5211

@@ -6,6 +6,7 @@ import time
 from collections import deque
 from collections.abc import Awaitable, Callable
 from contextlib import ExitStack
+from functools import partial
 from typing import Any
 
 import can
@@ -132,8 +133,7 @@ def test_the_stop_does_not_wait_for_what_is_being_done(multicast: dict[str, Any]
         await pilot.press("enter")
         await until(pilot, screen, "state running")
         hanging = threading.Event()
-        assert screen._worker is not None
-        screen._doing = screen._worker.submit(drive_late, screen, hanging)
+        screen._operator.begin(partial(drive_late, screen, hanging))
         await pilot.press("escape")
         await until(pilot, screen, "mode off")
         hanging.set()

@@ -5,14 +5,14 @@ from typing import Any
 
 import pytest
 
-from smarttac_can.bench.simulation import attach_nodes, plate_od, stimulator_od
+from smarttac_can.bench.simulation import lockstep_nodes, plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.local_bus import LocalBus
-from smarttac_can.master.local_master import LocalMaster
 from smarttac_can.master.requests import nmt
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import NMTCommand
+from smarttac_can.trials.rig import LocalMaster
 from smarttac_can.vocabulary.watchdogs import Watchdog
 from smarttac_can.watch.screen import LEAST_COLUMNS, LEAST_LINES, lines
 from smarttac_can.watch.watcher import PUBLISHED, READ, PublishedValues, View, Watcher, view_of
@@ -183,7 +183,8 @@ def test_a_plate_node_is_shown_beside_it() -> None:
     watcher = Watcher(stimulator_od(), plate_od())
     bus.connect(lambda frame: watcher.receive(bus.time * 1e-6, frame))
     master = LocalMaster(bus, lambda frame: None)
-    attach_nodes(bus, plate_inside=False, presets={})
+    for node in lockstep_nodes(plate_inside=False, presets={}):
+        bus.attach(node)
     for node_id in (33, 32):
         master.send(nmt(NMTCommand.START, node_id))
     watcher.advance(0.0)

@@ -11,10 +11,10 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.host.local_bus import LocalBus
 from smarttac_can.master import requests
 from smarttac_can.master.errors import HeartbeatLostError
-from smarttac_can.master.local_master import LocalMaster
 from smarttac_can.nodes.device_node import DeviceNode
 from smarttac_can.od.cia import Abort, NMTCommand
 from smarttac_can.od.eds import load_eds
+from smarttac_can.trials.rig import LocalMaster
 
 RICH = (Path(__file__).parent.parent / "eds" / "rich.eds").read_text()
 NODE_ID = 0x20
