@@ -21,23 +21,37 @@ SLACK = MIB // 4
 """Bytes that are read besides the hostile file: our own EDS files, and what the system tells."""
 GUARD_S = 60.0
 LIMITED = """
-import resource, sys
+import json, os, resource, sys
 import click
 from smarttac_can.cli import main
 
-main.get_command(click.Context(main), sys.argv[1])  # reads its modules
+CASES = json.load(sys.stdin)
+for name, *_ in CASES:
+    main.get_command(click.Context(main), name)  # reads its modules
 
 def number(file, key):
     lines = open(f"/proc/self/{file}").read().splitlines()
     return next(int(line.split()[1]) for line in lines if line.startswith(key))
 
-resource.setrlimit(resource.RLIMIT_AS, (600 << 20, 600 << 20))
-before = number("io", "rchar")
-try:
-    main(sys.argv[1:])
-finally:
-    print(number("io", "rchar") - before, number("status", "VmHWM"))
+def limited(arguments):
+    resource.setrlimit(resource.RLIMIT_AS, (600 << 20, 600 << 20))
+    before = number("io", "rchar")
+    status = 0
+    try:
+        main(arguments)
+    except SystemExit as error:
+        status = error.code
+    print(status, number("io", "rchar") - before, number("status", "VmHWM"), flush=True)
+    sys.stderr.flush()
+    os._exit(0)
+
+for arguments in CASES:
+    if not os.fork():
+        limited(arguments)
+    os.wait()
 """
+"""Commands as JSON on stdin, each in a process of its own with its modules read; two lines each:
+what it says on stderr, and on stdout its exit code, the bytes it has read and its most KiB."""
 STIMULATOR = read_eds("stimulator.eds")
 HEADER = "t_s,x_mm,Fn_N\n"
 
@@ -126,31 +140,31 @@ CASES: dict[str, tuple[tuple[str, ...], Callable[[Path], object], int, str]] = {
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="bytes and memory are read from /proc")
-@pytest.mark.parametrize(("arguments", "make", "most", "message"), CASES.values(), ids=CASES)
-def test_one_line_and_no_more_read_than_the_bound(
-    arguments: tuple[str, ...],
-    make: Callable[[Path], object],
-    most: int,
-    message: str,
-    tmp_path: Path,
-) -> None:
-    path = tmp_path / "hostile"
-    make(path)
+def test_one_line_and_no_more_read_than_the_bound(tmp_path: Path) -> None:
+    commands = []
+    for number, (arguments, make, _, _) in enumerate(CASES.values()):
+        path = tmp_path / str(number)
+        make(path)
+        commands.append([*arguments, str(path)])
     done = subprocess.run(
-        [sys.executable, "-c", LIMITED, *arguments, str(path)],
+        [sys.executable, "-c", LIMITED],
+        input=json.dumps(commands),
         capture_output=True,
         text=True,
         timeout=GUARD_S,
-        check=False,
+        check=True,
     )
-    assert done.returncode == 1
-    (line,) = done.stderr.splitlines()
-    # The link to a device is followed before its name is told.
-    assert line.startswith((f"Error: {path}: ", "Error: /dev/zero: "))
-    assert line.endswith(message)
-    read, peak_kib = map(int, done.stdout.split())
-    assert read <= most + SLACK
-    assert peak_kib < 300 * 1024
+    said, counted = done.stderr.splitlines(), done.stdout.splitlines()
+    for (name, (_, _, most, message)), command, line, counts in zip(
+        CASES.items(), commands, said, counted, strict=True
+    ):
+        # The link to a device is followed before its name is told.
+        assert line.startswith((f"Error: {command[-1]}: ", "Error: /dev/zero: ")), name
+        assert line.endswith(message), name
+        status, read, peak_kib = map(int, counts.split())
+        assert status == 1, name
+        assert read <= most + SLACK, name
+        assert peak_kib < 300 * 1024, name
 
 
 def lines_more(line: str, count: int = 39_000) -> str:
