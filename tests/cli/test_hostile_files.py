@@ -2,7 +2,6 @@
 
 import json
 import os
-import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -369,15 +368,14 @@ def test_a_value_of_3_mb_is_told_in_500_characters(tmp_path: Path) -> None:
     assert len(said) == 503
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_the_largest_files_that_are_taken_leave_signals_alone(
-    number: int, multicast: dict[str, Any], tmp_path: Path
+    multicast: dict[str, Any], tmp_path: Path
 ) -> None:
     finger, eds = tmp_path / "finger.csv", tmp_path / "large.eds"
     finger.write_text(HEADER + "".join(f"{i},0,0\n" for i in range(100_000)))
     comments = "; nothing\n" * (39_990 - STIMULATOR.count("\n"))
     eds.write_text(STIMULATOR + comments)
     with processes(multicast, f"node --finger {finger} --eds {eds}") as (node,):
-        status, lines, complaints = node.end(number)
+        status, lines, complaints = node.end()
     assert (status, complaints) == (0, "")
     assert lines[-1] == "stimulator 32 stopped at 0 V"
