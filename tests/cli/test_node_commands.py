@@ -12,6 +12,7 @@ from smarttac_can.cli.nodes import Pace, StateLines, read_finger
 from smarttac_can.cli.shared import BusChoice
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.storage import Memory
+from smarttac_can.host.bus import QueueFullError
 from smarttac_can.host.files import read_eds
 from smarttac_can.master import requests
 from smarttac_can.nodes.plate_block import PlateBlock
@@ -384,6 +385,14 @@ def test_of_two_producers_of_sync_one_is_enough() -> None:
     said.clear()
     node.receive(Frame(0x080))
     assert said[0].endswith(" this one, 080h: one producer of SYNC is enough")
+
+
+def test_a_full_queue_is_a_line() -> None:
+    """What it does is tested in ``tests/host/test_outbox.py``, and by a row of the fault matrix."""
+    said: list[str] = []
+    node = PlateNode(plate_od())
+    StateLines("plate", "here", node, said.append).full(QueueFullError("queue full"))
+    assert said == ["plate 33 queue full"]
 
 
 @pytest.mark.parametrize(

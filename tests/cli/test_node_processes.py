@@ -1,6 +1,5 @@
 """``smarttac node`` and ``smarttac plate`` as processes on a bus of sockets."""
 
-import signal
 import struct
 import subprocess
 import sys
@@ -13,9 +12,17 @@ from typing import Any
 import can
 import psutil
 import pytest
-from nodes_on_a_bus import GUARD_S, NodeProcess, multicast_options, processes, until
+from nodes_on_a_bus import (
+    BENCH_WATCH,
+    GUARD_S,
+    NodeProcess,
+    multicast_options,
+    processes,
+    until,
+    watched,
+)
 
-from smarttac_can.bench import BenchError, Mode, RefusedError, Stimulator
+from smarttac_can.bench import Mode, RefusedError, Stimulator
 from smarttac_can.vocabulary.states import State
 
 
@@ -32,8 +39,8 @@ def listening(bus: dict[str, Any]) -> Iterator[list[int]]:
         yield heard
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
-def test_a_signal_leaves_0_v(number: int, multicast: dict[str, Any]) -> None:
+def test_a_signal_leaves_0_v(multicast: dict[str, Any]) -> None:
+    """Which ones do is tested in ``tests/host/test_process_signals.py``."""
     nodes = ("plate --lockstep", "node --plate-node 33 --lockstep")
     with processes(multicast, *nodes) as (plate, node):
         with listening(multicast) as voltages:
@@ -45,11 +52,11 @@ def test_a_signal_leaves_0_v(number: int, multicast: dict[str, Any]) -> None:
             bench._link.close()
             node.wait_for("stimulator 32 mode amplitude")
             until(lambda: voltages[-1:] > [1000])
-            status, lines, complaints = node.end(number)
+            status, lines, complaints = node.end()
             assert (status, complaints) == (0, "")
             assert lines[-1] == "stimulator 32 stopped at 0 V"
             until(lambda: voltages[-1] == 0)
-        status, lines, complaints = plate.end(number)
+        status, lines, complaints = plate.end()
         assert (status, complaints) == (0, "")
         assert lines == ["plate 33 operational", "plate 33 stopped at 0 V"]
 
@@ -70,9 +77,6 @@ input()
 """
 
 
-WATCH = 0x7F0000 + 1000
-
-
 @contextmanager
 def driver(bus: dict[str, Any], then: str = "") -> Iterator[subprocess.Popen[bytes]]:
     """Run a bench script that drives, and does something more, for the block to kill."""
@@ -86,120 +90,40 @@ def driver(bus: dict[str, Any], then: str = "") -> Iterator[subprocess.Popen[byt
 
 
 def test_a_killed_bench_leaves_0_v_and_the_next_one_resets_that(multicast: dict[str, Any]) -> None:
-    with processes(multicast, "node") as (node,):
-        with driver(multicast) as bench:
+    """Whom a bench that reads does not stand in for."""
+    with processes(multicast, "node") as (node,), Stimulator.connect(**multicast) as reader:
+        with driver(multicast) as killed:
             node.wait_for("stimulator 32 mode open_loop")
-            bench.kill()
+            killed.kill()
         node.wait_for("stimulator 32 mode off")
+        assert reader.message == "the heartbeat of a watched node is lost"
         with Stimulator.connect(**multicast) as bench:
             assert bench.state is State.FAULT
             assert bench.message == "the heartbeat of a watched node is lost"
             assert not bench.run(0.1).voltage_v.any()
             bench.reset_fault()
             bench.mode = "open_loop"
-            assert watched(bench).count(WATCH) == 1
+            assert watched(bench).count(BENCH_WATCH) == 1
 
 
-@pytest.mark.parametrize(
-    ("then", "state"),
-    [
-        ("bench.mode = 'off'", State.NOT_READY),
-        ("bench.quick_stop()", State.NOT_READY),
-        ("bench.mode = 'off'; bench.arm()", State.FAULT),
-    ],
-    ids=["ready", "quick stop", "armed"],
-)
-def test_a_bench_killed_at_0_v_locks_nobody_out(
-    then: str, state: State, multicast: dict[str, Any]
-) -> None:
+AT_0_V = {
+    "bench.mode = 'off'": State.NOT_READY,
+    "bench.quick_stop()": State.NOT_READY,
+    "bench.mode = 'off'; bench.arm()": State.FAULT,
+}
+"""What a bench does before it is killed, and the state of its stimulator then."""
+
+
+def test_a_bench_killed_at_0_v_locks_nobody_out(multicast: dict[str, Any]) -> None:
     with processes(multicast, "node"), Stimulator.connect(**multicast) as reader:
-        with driver(multicast, then) as killed:
-            killed.kill()
-        until(lambda: reader.state is state)
-        with Stimulator.connect(**multicast) as bench:
-            bench.reset_fault()
-            bench.mode = "open_loop"
-            assert bench.state is State.RUNNING
-
-
-def test_a_bench_that_reads_does_not_stand_in_for_a_driver_that_was_killed(
-    multicast: dict[str, Any],
-) -> None:
-    with processes(multicast, "node") as (node,), Stimulator.connect(**multicast) as reader:
-        with driver(multicast) as bench:
-            bench.kill()
-        node.wait_for("stimulator 32 mode off")
-        assert reader.message == "the heartbeat of a watched node is lost"
-
-
-def test_a_bench_that_reads_leaves_the_watch_to_the_driver(multicast: dict[str, Any]) -> None:
-    with processes(multicast, "node"), Stimulator.connect(**multicast) as bench:
-        bench.run(0.3)
-        bench.set("Limit.Missed ticks", 50)  # a busy machine
-        bench.mode = "open_loop"
-        with Stimulator.connect(**multicast) as reader:
-            assert watched(reader).count(WATCH) == 1
-        assert watched(bench).count(WATCH) == 1
-        assert bench.state is State.RUNNING, "the end of a bench that reads disarms nobody"
-
-
-def test_a_second_driver_is_refused(multicast: dict[str, Any]) -> None:
-    with processes(multicast, "node"), Stimulator.connect(**multicast) as bench:
-        bench.run(0.3)
-        bench.set("Limit.Missed ticks", 50)  # a busy machine
-        bench.mode = "open_loop"
-        refusal = "another bench script drives node 32: node 127, its heartbeat, is on the bus"
-        with Stimulator.connect(**multicast) as second:
-            with pytest.raises(BenchError, match=refusal):
-                second.mode = "friction"
-            for act in (second.start_run, second.tare, second.reset_fault):
-                with pytest.raises(BenchError, match=refusal):
-                    act()
-            assert bench.state is State.RUNNING
-            bench.disarm()
-            with pytest.raises(BenchError, match=refusal):
-                second.arm()
-        bench.mode = "open_loop"
-
-
-def test_a_bench_that_has_no_fault_to_reset_goes_on_driving(multicast: dict[str, Any]) -> None:
-    with processes(multicast, "node"), Stimulator.connect(**multicast) as bench:
-        bench.run(0.3)
-        bench.set("Limit.Missed ticks", 50)  # a busy machine
-        bench.mode = "open_loop"
-        bench.reset_fault()
-        assert bench.state is State.RUNNING
-
-
-def test_a_bench_that_leaves_is_not_missed(multicast: dict[str, Any]) -> None:
-    with processes(multicast, "node"):
-        with Stimulator.connect(**multicast) as bench:
-            assert WATCH not in watched(bench)
-            bench.run(0.3)
-            bench.set("Limit.Missed ticks", 50)  # a busy machine
-            bench.mode = "open_loop"
-            assert WATCH in watched(bench)
-        with Stimulator.connect(**multicast) as bench:
-            assert WATCH not in watched(bench)
-            assert bench.state is not State.FAULT
-
-
-def test_a_watch_that_a_reset_has_cleared_is_set_up_by_the_next_arm(
-    multicast: dict[str, Any],
-) -> None:
-    with processes(multicast, "node"), Stimulator.connect(**multicast) as bench:
-        bench.run(0.3)
-        bench.arm()
-        bench.disarm()
-        device = bench._link._stimulator
-        device.write(device.od.entry(0x1016, 1), 0)
-        bench.arm()
-        assert watched(bench).count(WATCH) == 1
-
-
-def watched(bench: Stimulator) -> list[int]:
-    device = bench._link._stimulator
-    return [device.read(device.od.entry(0x1016, number)) for number in range(1, 5)]
+        for then, state in AT_0_V.items():
+            with driver(multicast, then) as killed:
+                killed.kill()
+            until(lambda state=state: reader.state is state)
+            with Stimulator.connect(**multicast) as bench:
+                bench.reset_fault()
+                bench.mode = "open_loop"
+                assert bench.state is State.RUNNING, then
 
 
 def test_one_command_shows_a_master_forces_and_a_cof(multicast: dict[str, Any]) -> None:

@@ -14,7 +14,7 @@ from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.control.cascade import Cascade
 from smarttac_can.nodes import stimulator_block
 from smarttac_can.nodes.plate_block import PlateBlock
-from smarttac_can.nodes.process_image import CHANNELS, Measured, ReadBack
+from smarttac_can.nodes.process_image import CHANNELS, DriveOutput, Measured, ReadBack
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.od.cia import Abort
 from smarttac_can.od.dictionary import ObjectDictionary
@@ -349,3 +349,13 @@ def test_the_tick_of_8_bits_goes_on_as_one_of_16_and_cycles_are_counted() -> Non
     shown.read_back.reset()
     shown.publish(0)
     assert shown.read("Contact.Tick", "Cycle.Cycles") == [0, 1]
+
+
+def test_a_drive_stands_with_the_tick_it_answers_and_off_it_is_0_v() -> None:
+    od = stimulator_od()
+    output = DriveOutput(od)
+    entries = [od[f"Drive.{name}"] for name in ("Voltage", "Frequency", "Tick")]
+    output.write(Drive(20.0, 43390.0), 7)
+    assert [entry.value for entry in entries] == [2000, 4_339_000, 7]
+    output.switch_off()
+    assert [entry.value for entry in entries] == [0, 4_339_000, 7]

@@ -249,7 +249,7 @@ def test_a_weak_pickup_is_a_fault_in_a_run_that_begins_with_an_identified_plate(
 
 @pytest.mark.parametrize("mode", [OPEN_LOOP, AMPLITUDE])
 @pytest.mark.parametrize("law", [PI, PREDICTIVE])
-@pytest.mark.parametrize("dead_time", [0, 540, 999])
+@pytest.mark.parametrize("dead_time", [0, 999])
 @pytest.mark.parametrize("known", [False, True])
 def test_hops_of_the_frequency_are_no_fault_and_make_no_more(
     known: bool, dead_time: int, law: int, mode: int

@@ -37,8 +37,8 @@ from smarttac_can.vocabulary.states import Mode, State
 HOLD = 200
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "faults.md"
 SAMPLE = [
-    *((case, case.modes[number % len(case.modes)]) for number, case in enumerate(CASES[::6])),
-    *((case, Mode.FRICTION) for case in PREDICTED[::12]),
+    *((case, case.modes[number % len(case.modes)]) for number, case in enumerate(CASES[::18])),
+    *((case, Mode.FRICTION) for case in PREDICTED[::28]),
 ]
 
 
@@ -211,6 +211,9 @@ def test_what_is_not_seen_goes_on_and_reaches_at_most_that_of_a_sound_run_over_t
     way: str,
 ) -> None:
     given = [(case, mode) for case, mode in ALL_NOT_SEEN if case.way(mode) == way]
+    # Of each axis the lowest gain, which hides most; docs/reference/faults.md has all of them.
+    given = [next(each for each in given if each[0].name.startswith(f"{axis} at"))
+             for axis in ("pick-up", "pick-up d", "pick-up q")]  # fmt: skip
     assert {(case.prepare, case.plate_inside) for case, _ in given} == {(None, False)}
     sound = reached_unseen(replace_inject(given[0][0]), given[0][1])
     assert sound is not None

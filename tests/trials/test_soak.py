@@ -76,12 +76,9 @@ def test_a_fault_that_could_not_show_is_taken_back(monkeypatch: pytest.MonkeyPat
     assert report.violations == []
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_a_weak_axis_is_looked_for_at_the_resonance(
-    seed: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_weak_axis_is_looked_for_at_the_resonance(monkeypatch: pytest.MonkeyPatch) -> None:
     only("pick-up d at 0.05", Mode.OPEN_LOOP, monkeypatch)
-    report = Soak(15_000, seed).run()
+    report = Soak(15_000, 0).run()
     assert report.faults["pick-up d at 0.05"]
     assert report.violations == []
 

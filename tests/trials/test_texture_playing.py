@@ -9,7 +9,7 @@ from smarttac_can.trials import texture_playing
 from smarttac_can.trials.texture_playing import LEVELS, play
 from smarttac_can.vocabulary.states import VibrationLaw
 
-PASSES = 20
+PASSES = 10
 
 
 @pytest.mark.parametrize("subject", LEVELS)
