@@ -1,7 +1,7 @@
 """Vibration that acts on the finger: the mode shape at its position, and the lag of the film.
 
 The amplitude at the finger follows ``shape |W|`` with the lag of the squeeze film. The step is
-exact for a vibration that is constant during it.
+exact for a vibration that is a ramp during it.
 """
 
 from __future__ import annotations
@@ -25,6 +25,19 @@ def film_share(duration: float, lag: float) -> float:
     return -math.expm1(-duration / lag) if lag else 1.0
 
 
-def film(before: float, W: float, shape: float, share: float) -> float:
-    """Return the amplitude in m that acts on the skin after a step, from that before it."""
-    return before + (shape * W - before) * share
+def film(before: float, start: float, end: float, behind: float, share: float) -> float:
+    """Return the amplitude in m that acts on the skin after a step.
+
+    Parameters
+    ----------
+    before
+        The same before the step.
+    start, end
+        Amplitude at the finger's place without a film in m, before and after the step.
+    behind
+        Lag of the film over the length of the step.
+    share
+        Of `film_share`.
+    """
+    late = behind * (end - start)
+    return end - late + (before - start + late) * (1.0 - share)

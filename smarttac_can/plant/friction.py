@@ -10,6 +10,8 @@ from smarttac_can.plant.subjects import FORCE_REFERENCE, Subject
 
 SPEED_FLOOR = 1e-12
 """Speed in m/s that avoids 0/0 in the effective vibration at rest, far below real speeds."""
+VIBRATION_FLOOR = 1e-15
+"""Vibration in m that avoids 0/0 in the slope over it."""
 _REACH_GRID = 5
 
 
@@ -65,8 +67,12 @@ def bare_friction(friction: FrictionMap, Fn: float, occlusion: float) -> float:
     return friction.at_reference * relative * (1.0 + friction.occlusion * occlusion)
 
 
-def sliding_friction(friction: FrictionMap, bare: float, W: float, v: float) -> float:
-    """Return the friction of a sliding finger in N.
+def sliding_friction(
+    friction: FrictionMap, bare: float, W: float, v: float
+) -> tuple[float, float, float]:
+    """Return the friction of a sliding finger in N, and its slopes over speed and vibration.
+
+    The slopes are in N s/m and N/m.
 
     The vibration reduces it by the factor ``g = rho + (1 - rho) exp(-(We/W0)^p)``, rho..1, with
     ``We = W/(1 + v/v1)``, ``v1 = mu0 pi f0 W``. At low speed friction is higher, by up to the
@@ -85,9 +91,19 @@ def sliding_friction(friction: FrictionMap, bare: float, W: float, v: float) -> 
     """
     _, _, _, v1_per_W, W0, p, rho, rise, v_s = friction
     v1 = v1_per_W * W
-    We = W * v1 / (v1 + v + SPEED_FLOOR)
+    per_speed = 1.0 / (v1 + v + SPEED_FLOOR)
+    x = power(W * v1 * per_speed / W0, p)
+    removable = (1.0 - rho) * exp(-x)
     r = v / v_s
-    return bare * (rho + (1.0 - rho) * exp(-power(We / W0, p))) * (1.0 + rise / (1.0 + r * r))
+    slow = 1.0 / (1.0 + r * r)
+    s = bare * (1.0 + rise * slow)
+    F = (rho + removable) * s
+    fall = s * removable * p * x
+    return (
+        F,
+        fall * per_speed - bare * (rho + removable) * rise * 2.0 * r / v_s * slow * slow,
+        -fall * (2.0 / (W + VIBRATION_FLOOR) - v1_per_W * per_speed),
+    )
 
 
 def sliding_coefficient(
@@ -95,7 +111,7 @@ def sliding_coefficient(
 ) -> float:
     """Return the COF of steady sliding; the arguments are as in the functions above, Fn > 0."""
     friction = friction_map(subject, f0)
-    return sliding_friction(friction, bare_friction(friction, Fn, occlusion), W, v) / Fn
+    return sliding_friction(friction, bare_friction(friction, Fn, occlusion), W, v)[0] / Fn
 
 
 def check_reach(

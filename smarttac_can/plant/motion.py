@@ -16,7 +16,6 @@ from smarttac_can.plant.friction import (
     FrictionMap,
     bare_friction,
     friction_map,
-    sliding_friction,
 )
 from smarttac_can.plant.parameters import TWO_PI, PlateParameters, resonance_at, stiffness_of
 from smarttac_can.plant.resonator import Response, integral, rate_in_frame, response, vibrate
@@ -25,8 +24,16 @@ from smarttac_can.plant.skin import Skin, skin_of, skin_step, slide
 from smarttac_can.plant.subjects import FORCE_REFERENCE, Subject
 from smarttac_can.vocabulary.signals import TICK, Drive, MeasurementFields
 
-SUBSTEPS: Final = 4
-"""Sub-steps of a tick, by the convergence test."""
+SUBSTEPS: Final = 1
+"""Sub-steps of a tick while the skin slides with the bone, by the convergence test."""
+SUBSTEPS_OF_ENVELOPE: Final = 4
+"""The same if the mode softens, the film lags or the pick-up filters."""
+SUBSTEPS_OF_SWING: Final = 16
+"""Sub-steps of a tick in which the skin swings against the bone."""
+SWING_SHARE: Final = 0.1
+"""The skin swings if its speed differs from the bone's by more than this share, ..."""
+SWING_SPEED: Final = 5e-3
+"""... and by more than this, in m/s."""
 CONTACT_GROWTH: Final = 2.0 / 3.0
 """Exponent of the contact area, and with it the finger's load on the mode, over force [L]."""
 
@@ -35,22 +42,29 @@ Finger = tuple[float, float]
 """Position in m and normal force in N."""
 
 
-class Segment(NamedTuple):
-    """A part of a tick under one drive."""
+class Steps(NamedTuple):
+    """Sub-steps of equal length."""
 
-    steps: int
-    """Sub-steps."""
+    number: int
     length: float
-    """Of a sub-step in s."""
+    """In s."""
     path: Propagator
     film_share: float
     """By which share of its distance the film follows in a sub-step."""
     low_share: float
     """The same of the pick-up's filter."""
+    read: bool
+    """Whether they are in the pick-up's window."""
+
+
+class Segment(NamedTuple):
+    """A part of a tick under one drive."""
+
+    coarse: Steps
+    fine: Steps
+    """For a skin that swings."""
     new: bool
     """Whether the new drive is in force."""
-    read: bool
-    """Whether it is in the pick-up's window."""
 
 
 class ModeCoefficients(NamedTuple):
@@ -72,8 +86,7 @@ class Fingertip(NamedTuple):
 
     friction: FrictionMap
     skin: Skin
-    filmed: bool
-    """Whether film or shape of the mode stand between vibration and friction."""
+    film_lag: float
 
 
 class Coefficients(NamedTuple):
@@ -118,8 +131,8 @@ class Motion(NamedTuple):
     rate: complex
     omega: float
     """Angular frequency of the frame in rad/s."""
-    film: float
-    """Vibration after the film in m."""
+    acting: float
+    """Vibration that acts on the skin, in m."""
     v: float
     stretch: float
     z: float
@@ -175,7 +188,6 @@ def coefficients(
     """
     p, mode, contact = parameters, parameters.resonator, parameters.contact
     sensors = p.sensors
-    filmed = bool(contact.film_lag or contact.ripple)
     return Coefficients(
         ModeCoefficients(
             mode.mass,
@@ -188,7 +200,7 @@ def coefficients(
             mode.neighbour_share,
             mode.neighbour_offset,
         ),
-        Fingertip(friction_map(subject, sound_f0), skin_of(subject), filmed),
+        Fingertip(friction_map(subject, sound_f0), skin_of(subject), contact.film_lag),
         subject.load_damping,
         subject.load_stiffness,
         _segments(p, dead_time),
@@ -223,17 +235,26 @@ def _segments(parameters: PlateParameters, dead_time: float) -> tuple[Segment, S
 
 
 def _segment(parameters: PlateParameters, duration: float, *, new: bool, read: bool) -> Segment:
-    """Divide a part of a tick of a duration in s."""
-    count = math.ceil(SUBSTEPS * duration / TICK - 1e-9)
-    length = duration / count if count else 0.0
-    sensors = parameters.sensors
+    lags = parameters.contact.film_lag or parameters.sensors.pickup_lag
+    coarse = SUBSTEPS_OF_ENVELOPE if lags or parameters.resonator.softening else SUBSTEPS
     return Segment(
-        count,
+        _steps(parameters, duration, coarse, read),
+        _steps(parameters, duration, SUBSTEPS_OF_SWING, read),
+        new,
+    )
+
+
+def _steps(parameters: PlateParameters, duration: float, a_tick: int, read: bool) -> Steps:
+    """Divide a part of a tick of a duration in s, for a number of sub-steps a tick."""
+    number = math.ceil(a_tick * duration / TICK - 1e-9)
+    length = duration / number if number else 0.0
+    sensors = parameters.sensors
+    return Steps(
+        number,
         length,
         propagator(length, sensors.path_frequency, sensors.path_damping),
         film_share(length, parameters.contact.film_lag),
         film_share(length, sensors.pickup_lag),
-        new,
         read,
     )
 
@@ -297,15 +318,13 @@ def _moved(
     temperature += (target - temperature) * warming
     occlusion += ((1.0 if Fn > 0.0 else 0.0) - occlusion) * wetting
     load = (Fn / FORCE_REFERENCE) ** CONTACT_GROWTH
-    shape = 1.0
-    if fingertip.filmed:
-        shape = shape_at(0.5 * (x0 + x1), ripple, node_distance)
-        load *= shape * shape
+    shape = shape_at(0.5 * (x0 + x1), ripple, node_distance)
+    load *= shape * shape
     resonance = resonance_at(f0, f0_slope, temperature - reference_temperature)
     loaded = (damping + load_damping * load, load_stiffness * load, resonance)
     sliding = (bare_friction(fingertip.friction, Fn, occlusion), (x1 - x0) / TICK, shape)
     for segment in segments:
-        if segment.steps:
+        if segment.coarse.number:
             drive = new if segment.new else old
             motion = _advanced(coefficients, segment, motion, drive, loaded, sliding)
     if not exact:
@@ -336,29 +355,60 @@ def _advanced(
         Its friction without vibration in N, the velocity of its bone in m/s, and the shape of the
         mode where it is.
     """
-    steps, length, phi, share, _, _, _ = segment
-    W, rate, before, filmed, v, stretch, z, Ft, Fx, Fx_rate, pickup = motion
+    _, frequency = drive
+    omega = TWO_PI * frequency
+    if omega != motion.omega:
+        motion = _in_frame(motion, omega)
+    _, v_bone, _ = sliding
+    swings = _swings(motion.v, v_bone)
+    while True:
+        steps = segment.fine if swings else segment.coarse
+        after = _stepped(coefficients, steps, motion, drive, loaded, sliding)
+        if swings or not _swings(after.v, v_bone):
+            return after
+        swings = True
+
+
+def _swings(v: float, v_bone: float) -> bool:
+    """Return whether the skin swings against the bone, by their velocities in m/s."""
+    return abs(v - v_bone) > max(SWING_SPEED, SWING_SHARE * abs(v_bone))
+
+
+def _in_frame(motion: Motion, omega: float) -> Motion:
+    """Return what moves, seen from the frame of a drive of another frequency in rad/s."""
+    W, rate, before, acting, v, stretch, z, Ft, Fx, Fx_rate, pickup = motion
+    rate = rate_in_frame(W, rate, omega - before)
+    W2, rate2, low, total, seen = pickup
+    pickup = PickUp(W2, rate_in_frame(W2, rate2, omega - before), low, total, seen)
+    return Motion(W, rate, omega, acting, v, stretch, z, Ft, Fx, Fx_rate, pickup)
+
+
+def _stepped(
+    coefficients: Coefficients,
+    steps: Steps,
+    motion: Motion,
+    drive: Drive,
+    loaded: tuple[float, float, float],
+    sliding: tuple[float, float, float],
+) -> Motion:
+    """Return what moves after sub-steps; the other arguments are those of `_advanced`."""
+    number, length, phi, share, _, _ = steps
+    W, rate, omega, acting, v, stretch, z, Ft, Fx, Fx_rate, pickup = motion
     bare, v_bone, shape = sliding
-    friction, skin, lagging = coefficients.fingertip
+    friction, skin_constants, film_lag = coefficients.fingertip
     mass, conversion, _, _, _, _, softening, beside, offset = coefficients.mode
     damping, c_finger, resonance = loaded
     exact = coefficients.exact
-    voltage, frequency = drive
-    omega = TWO_PI * frequency
-    if omega != before:
-        rate = rate_in_frame(W, rate, omega - before)
-        if not exact:
-            rate2 = rate_in_frame(pickup.W, pickup.rate, omega - before)
-            pickup = PickUp(pickup.W, rate2, pickup.low, pickup.sum, pickup.seen)
-    force = conversion * voltage
+    force = conversion * drive[0]
     mode = _driven(mass, length, omega, force, damping, stiffness_of(mass, resonance) + c_finger)
     neighbour = mode
     if not exact:
         stiffness = stiffness_of(mass, resonance + offset) + c_finger
         neighbour = _driven(mass, length, omega, beside * force, damping, stiffness)
-    skinned = skin_step(skin, length, v_bone, bare)
+    skin_plan = skin_step(skin_constants, length, v_bone)
+    behind = film_lag / length
     size = abs(W)
-    for _ in range(steps):
+    for _ in range(number):
         if softening:
             # Of second order: the stiffness of a sub-step is that of its mean amplitude.
             softer = stiffness_of(mass, resonance - softening * size) + c_finger
@@ -370,15 +420,16 @@ def _advanced(
         W, rate = vibrate(mode.step, W, rate)
         if not exact:
             moved = (W0, rate0, W, rate)
-            pickup = _picked_up(coefficients, segment, pickup, omega, (mode, neighbour), moved)
+            pickup = _picked_up(coefficients, steps, pickup, omega, (mode, neighbour), moved)
         size_before, size = size, abs(W)
-        vibration = 0.5 * (size_before + size)
-        if lagging:
-            vibration = filmed = film(filmed, vibration, shape, share)
-        F = sliding_friction(friction, bare, vibration, abs(v))
-        v, stretch, z, Ft = slide(skinned, v, stretch, z, F)
-        Fx, Fx_rate = follow(phi, Fx, Fx_rate, Ft)
-    return Motion(W, rate, omega, filmed, v, stretch, z, Ft, Fx, Fx_rate, pickup)
+        acting_before = acting
+        acting = film(acting, shape * size_before, shape * size, behind, share)
+        Ft_before = Ft
+        v, stretch, z, Ft = slide(
+            skin_plan, friction, bare, (acting_before, acting), (v, stretch, z, Ft)
+        )
+        Fx, Fx_rate = follow(phi, Fx, Fx_rate, 0.5 * (Ft_before + Ft))
+    return Motion(W, rate, omega, acting, v, stretch, z, Ft, Fx, Fx_rate, pickup)
 
 
 class _DrivenMode(NamedTuple):
@@ -400,14 +451,14 @@ def _driven(
 
 def _picked_up(
     coefficients: Coefficients,
-    segment: Segment,
+    steps: Steps,
     pickup: PickUp,
     omega: float,
     modes: tuple[_DrivenMode, _DrivenMode],
     moved: tuple[complex, complex, complex, complex],
 ) -> PickUp:
     """Return what the pick-up sees after a sub-step, in which the main mode has moved."""
-    length, mass, lag = segment.length, coefficients.mode.m, coefficients.lag
+    length, mass, lag = steps.length, coefficients.mode.m, coefficients.lag
     mode, neighbour = modes
     W0, _, W, _ = moved
     W2, rate2, low0, total, seen = pickup
@@ -422,15 +473,15 @@ def _picked_up(
     if lag:
         # The filter sees a ramp of the same mean.
         late = area / length + change * (0.5 - lag / length)
-        low = late + (low0 - late + change) * (1.0 - segment.low_share)
-    if segment.read:
+        low = late + (low0 - late + change) * (1.0 - steps.low_share)
+    if steps.read:
         total += area - lag * (low - low0)
     return PickUp(W2_next, rate2_next, low, total, seen)
 
 
 def _read(motion: Motion, window: float) -> Motion:
     """Return what moves once the pick-up has read: the mean over its window, if it has one."""
-    W, rate, omega, filmed, v, stretch, z, Ft, Fx, Fx_rate, pickup = motion
+    W, rate, omega, acting, v, stretch, z, Ft, Fx, Fx_rate, pickup = motion
     W2, rate2, low, total, _ = pickup
     pickup = PickUp(W2, rate2, low, 0j, total / window if window else low)
-    return Motion(W, rate, omega, filmed, v, stretch, z, Ft, Fx, Fx_rate, pickup)
+    return Motion(W, rate, omega, acting, v, stretch, z, Ft, Fx, Fx_rate, pickup)

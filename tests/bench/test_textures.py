@@ -89,9 +89,9 @@ def test_a_texture_that_is_too_fast_to_be_followed_is_warned_of(bench: Stimulato
     bench.finger.stroke(2, speed="0.04 m/s")
     bench.texture = fine
     bench.finger.stroke(2, speed=300.0)
-    with pytest.warns(UserWarning, match=r"above 150 Hz at 300 mm/s, .* up to 110 Hz: make it c"):
+    with pytest.warns(UserWarning, match=r"above 150 Hz at 300 mm/s, .* up to 115 Hz: make it c"):
         bench.texture = SINE
-    with pytest.warns(UserWarning, match=r"above 200 Hz, and the COF follows up to 110 Hz"):
+    with pytest.warns(UserWarning, match=r"above 200 Hz, and the COF follows up to 115 Hz"):
         bench.texture = Texture.profile([(0, 0.3), (0.0025, 0.4), (0.005, 0.3)], repeats=True)
 
 

@@ -81,7 +81,7 @@ def through_nodes(campaign, finger, like, monkeypatch):
     [
         (1, Law.MEASURED, VibrationLaw.PI),
         (3, Law.MEASURED, VibrationLaw.PI),
-        (4, Law.MEASURED, VibrationLaw.SCHEDULED),
+        (2, Law.MEASURED, VibrationLaw.SCHEDULED),
         (1, Law.PREDICTIVE, VibrationLaw.PREDICTIVE),
     ],
 )

@@ -1,3 +1,4 @@
+import itertools
 import math
 
 import numpy as np
@@ -19,19 +20,23 @@ def make(finger, **contact):
     return Plate(parameters, SUBJECTS[1], finger)
 
 
-def test_the_film_follows_as_a_first_order_lag_whatever_the_step():
-    for steps in (1, 4, 16):
-        share = film_share(3e-3 / steps, 2e-3)
-        felt = 0.0
-        for _ in range(steps):
-            felt = film(felt, 1e-6, 1.0, share)
-        assert felt == pytest.approx(1e-6 * (1.0 - math.exp(-1.5)), rel=1e-12)
+@pytest.mark.parametrize("steps", [1, 4, 16])
+def test_the_film_follows_a_ramp_as_a_first_order_lag_whatever_the_step(steps):
+    lag, duration = 2e-3, 3e-3
+    share = film_share(duration / steps, lag)
+    ramp = np.linspace(1e-6, 4e-6, steps + 1)
+    acting = 0.0
+    for start, end in itertools.pairwise(ramp):
+        acting = film(acting, start, end, lag * steps / duration, share)
+    rate = 3e-6 / duration
+    steady = 4e-6 - rate * lag
+    assert acting == pytest.approx(steady + (rate * lag - 1e-6) * math.exp(-1.5), rel=1e-12)
 
 
 def test_the_shape_is_that_of_the_place():
     for x, shape in ((0.0, 1.1), (4e-3, 0.9), (8e-3, 1.1), (-2e-3, 1.0), (-12e-3, 0.9)):
         assert shape_at(x, 0.1, 8e-3) == pytest.approx(shape)
-    assert film(0.0, 2e-6, 1.1, film_share(1e-3, 0.0)) == pytest.approx(2.2e-6)
+    assert film(1e-6, 0.0, 1.1 * 2e-6, 0.0, film_share(1e-3, 0.0)) == pytest.approx(2.2e-6)
 
 
 def test_the_ripple_is_that_of_a_contact_of_7_to_9_mm_over_nodes_8_mm_apart():

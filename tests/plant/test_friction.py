@@ -32,11 +32,11 @@ def coefficient(subject, W, v=0.06, Fn=0.5, occlusion=0.0):
 
 def reduction(subject, W, v):
     plain = dataclasses.replace(subject, stribeck=1.0)
-    return sliding_friction(friction_map(plain, F0), 1.0, W, v)
+    return sliding_friction(friction_map(plain, F0), 1.0, W, v)[0]
 
 
 def stribeck(subject, v):
-    return sliding_friction(friction_map(subject, F0), 1.0, 0.0, v)
+    return sliding_friction(friction_map(subject, F0), 1.0, 0.0, v)[0]
 
 
 @given(subject=subjects, W=st.floats(0.0, 5e-6), more=st.floats(1e-8, 1e-6), v=st.floats(0.0, 1.0))
@@ -150,3 +150,21 @@ def test_five_subjects_differ_as_in_fig_2():
     assert np.all(np.diff(ratios, axis=1) < 0)
     assert np.ptp(ratios[:, -1]) > 0.2
     assert 0.3 < ratios[:, -1].mean() < 0.8
+
+
+@pytest.mark.parametrize("subject", SUBJECTS, ids=lambda s: s.name)
+@pytest.mark.parametrize("W", [0.0, 0.3e-6, 2e-6])
+@pytest.mark.parametrize("v", [1e-3, 0.02, 0.3])
+def test_the_slopes_are_those_of_the_friction_over_speed_and_vibration(subject, W, v):
+    friction = friction_map(subject, F0)
+
+    def difference(more_W, more_v):
+        before, after = (
+            sliding_friction(friction, 0.2, W + sign * more_W, v + sign * more_v)[0]
+            for sign in (-1, 1)
+        )
+        return (after - before) / 2.0
+
+    _, per_v, per_W = sliding_friction(friction, 0.2, W, v)
+    assert per_v * 1e-4 * v == pytest.approx(difference(0.0, 1e-4 * v), rel=1e-5, abs=1e-12)
+    assert per_W * 1e-4 * W == pytest.approx(difference(1e-4 * W, 0.0), rel=1e-5, abs=1e-12)

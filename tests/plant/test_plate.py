@@ -230,13 +230,14 @@ def test_friction_follows_the_direction_of_the_finger():
 
 
 def test_substeps_are_enough(monkeypatch):
-    """While the finger slides, the lateral force is within a quarter of the gauges' noise.
+    """While the finger slides, the lateral force is within a fiftieth of the gauges' noise.
 
     The vibration steps by a third every 20 ms; the reference takes 64 sub-steps.
     """
 
-    def lateral(substeps):
+    def lateral(substeps, of_swing):
         monkeypatch.setattr(motion, "SUBSTEPS", substeps)
+        monkeypatch.setattr(motion, "SUBSTEPS_OF_SWING", of_swing)
         exact = dataclasses.replace(
             PARAMETERS.sensors, null=0.0, gauge_noise=0.0, drift=0.0, gauge_resolution=1e-7,
             full_scale=10**9,
@@ -245,12 +246,13 @@ def test_substeps_are_enough(monkeypatch):
         reports = run(plate, alternating(700))
         return np.array([r.gauges[0] for r in reports[420:]])
 
-    reference = lateral(64)
-    chosen = np.max(np.abs(lateral(motion.SUBSTEPS) - reference))
-    coarse = np.max(np.abs(lateral(1) - reference))
-    assert motion.SUBSTEPS <= 8
-    assert chosen < 0.25 * PARAMETERS.sensors.gauge_noise
-    assert coarse > 1.5 * chosen
+    steps = motion.SUBSTEPS, motion.SUBSTEPS_OF_SWING
+    reference = lateral(64, 64)
+    chosen = np.max(np.abs(lateral(*steps) - reference))
+    coarse = np.max(np.abs(lateral(1, 1) - reference))
+    assert max(steps) <= 16
+    assert chosen < 0.02 * PARAMETERS.sensors.gauge_noise
+    assert coarse > 10 * chosen
 
 
 def test_occlusion_raises_friction_over_seconds():
