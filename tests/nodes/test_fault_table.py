@@ -121,7 +121,10 @@ TO_SHOW = {
     **{f"pick-up d at {gain}, tracked": 10 for gain in (0.05, 0.1, 0.2)},
 }
 """Cycles until a watchdog can see its cause; its bound in `WATCHDOGS` counts from then on."""
-SWUNG = {("pick-up d at 0.05, tracked", Mode.TEXTURE): 18}
+SWUNG = {
+    ("pick-up d at 0.05, tracked", Mode.TEXTURE): 18,
+    ("pick-up d at 0.2, tracked", Mode.TEXTURE): 11,
+}
 """The same in mode TEXTURE, where the vibration passes amplitudes at which no phase is judged."""
 UNLATCHED = {
     "stimulator restarts": State.NOT_READY,
