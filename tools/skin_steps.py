@@ -3,9 +3,9 @@
 Each finger is regulated by both laws predictive through a dead time of 540 us. A row has the
 sub-steps of a tick while the skin slides with the bone, and those while it swings. The rise time
 and the overshoot are compared with those of 64 sub-steps throughout. The last row has 64, too, on
-a plate whose dead time is 0.1 us longer: what a change that means nothing does to these figures. A
-finger is chaotic if 64 and 65 sub-steps differ by more than is allowed: no number of sub-steps
-gives its figures.
+a plate whose dead time is 0.1 us longer than the controllers assume: how far a change that small
+moves these figures. A finger is chaotic if 64 and 65 sub-steps differ by more than is allowed: no
+number of sub-steps gives its figures.
 
 Example: python tools/skin_steps.py --fingers 400
 """
@@ -36,7 +36,7 @@ Rows = np.ndarray[Any, Any]
 def figures(seed: int, fingers: int, steps: tuple[int, int], later: float = 0.0) -> Rows:
     """Return rise time in ms, overshoot in % and chatter of the true COF, a row a finger.
 
-    The dead time of the plate is longer by `later`, in s, than the one that is told.
+    The dead time of the plate is longer by `later`, in s, than the controllers assume.
     """
     vars(motion)["SUBSTEPS"], vars(motion)["SUBSTEPS_OF_SWING"] = steps
 

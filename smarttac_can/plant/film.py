@@ -25,7 +25,7 @@ def film_share(duration: float, lag: float) -> float:
     return -math.expm1(-duration / lag) if lag else 1.0
 
 
-def film(before: float, start: float, end: float, behind: float, share: float) -> float:
+def film(before: float, start: float, end: float, lag_steps: float, share: float) -> float:
     """Return the amplitude in m that acts on the skin after a step.
 
     Parameters
@@ -34,10 +34,10 @@ def film(before: float, start: float, end: float, behind: float, share: float) -
         The same before the step.
     start, end
         Amplitude at the finger's place without a film in m, before and after the step.
-    behind
+    lag_steps
         Lag of the film over the length of the step.
     share
         Of `film_share`.
     """
-    late = behind * (end - start)
+    late = lag_steps * (end - start)
     return end - late + (before - start + late) * (1.0 - share)

@@ -31,9 +31,9 @@ SUBSTEPS_OF_ENVELOPE: Final = 4
 SUBSTEPS_OF_SWING: Final = 16
 """Sub-steps of a tick in which the skin swings against the bone."""
 SWING_SHARE: Final = 0.1
-"""The skin swings if its speed differs from the bone's by more than this share, ..."""
 SWING_SPEED: Final = 5e-3
-"""... and by more than this, in m/s."""
+"""In m/s. The skin swings if its speed differs from the bone's by more than this and by more than
+`SWING_SHARE` of the bone's speed."""
 CONTACT_GROWTH: Final = 2.0 / 3.0
 """Exponent of the contact area, and with it the finger's load on the mode, over force [L]."""
 
@@ -395,7 +395,7 @@ def _stepped(
     number, length, phi, share, _, _ = steps
     W, rate, omega, acting, v, stretch, z, Ft, Fx, Fx_rate, pickup = motion
     bare, v_bone, shape = sliding
-    friction, skin_constants, film_lag = coefficients.fingertip
+    friction, constants, film_lag = coefficients.fingertip
     mass, conversion, _, _, _, _, softening, beside, offset = coefficients.mode
     damping, c_finger, resonance = loaded
     exact = coefficients.exact
@@ -405,8 +405,8 @@ def _stepped(
     if not exact:
         stiffness = stiffness_of(mass, resonance + offset) + c_finger
         neighbour = _driven(mass, length, omega, beside * force, damping, stiffness)
-    skin_plan = skin_step(skin_constants, length, v_bone)
-    behind = film_lag / length
+    skin_plan = skin_step(constants, length, v_bone)
+    lag_steps = film_lag / length
     size = abs(W)
     for _ in range(number):
         if softening:
@@ -423,7 +423,7 @@ def _stepped(
             pickup = _picked_up(coefficients, steps, pickup, omega, (mode, neighbour), moved)
         size_before, size = size, abs(W)
         acting_before = acting
-        acting = film(acting, shape * size_before, shape * size, behind, share)
+        acting = film(acting, shape * size_before, shape * size, lag_steps, share)
         Ft_before = Ft
         v, stretch, z, Ft = slide(
             skin_plan, friction, bare, (acting_before, acting), (v, stretch, z, Ft)

@@ -7,8 +7,8 @@ beyond the first. F is its tangent over speed and vibration at the start of the 
 equation of a stage for the new v is quadratic on each side of 0, monotone, and solved in closed
 form.
 
-The step is stable at any length, for sliding, too. Where friction falls with speed more steeply
-than half of what skin and damper hold against it in a stage, the tangent is cut to that.
+A slide is stable at any length of a step. Where friction falls with speed more steeply than half of
+what mass, spring and damper hold against it in a stage, that half is the slope of the tangent.
 """
 
 from __future__ import annotations
@@ -53,6 +53,8 @@ class SkinStep(NamedTuple):
     """Force in N of spring and damper at rest on a bone that moves."""
     inertia: float
     """What mass, spring and damper hold against ``u = |v|/limit``, in N s."""
+    least_slope: float
+    """Least slope of the friction over speed in N s/m that keeps a stage monotone."""
 
 
 SkinState = tuple[float, float, float, float]
@@ -82,7 +84,8 @@ def skin_step(skin: Skin, duration: float, v_bone: float) -> SkinStep:
     give = b + stage * k
     limit = L / stage
     inertia = (mass + stage * give) * limit
-    return SkinStep(stage, v_bone, mass, k, L, limit, give * v_bone, inertia)
+    least_slope = -0.5 * inertia / L
+    return SkinStep(stage, v_bone, mass, k, L, limit, give * v_bone, inertia, least_slope)
 
 
 def slide(
@@ -106,6 +109,7 @@ def slide(
     v0, stretch0, z0, _ = skin
     W0, W1 = Ws
     F, slope, per_W = sliding_friction(friction, bare, 0.5 * (W0 + W1), abs(v0))
+    slope = max(slope, step.least_slope)
     change = per_W * (W1 - W0)
     F0 = F - slope * abs(v0) + (GAMMA - 0.5) * change
     v, stretch, z = _stage(step, v0, stretch0, z0, F0, slope)
@@ -129,11 +133,11 @@ def _stage(
     step: SkinStep, v: float, stretch: float, z: float, F0: float, slope: float
 ) -> tuple[float, float, float]:
     """Return v, stretch and z after backward Euler, with a friction of ``F0 + slope |v|``."""
-    duration, v_bone, mass, k, L, limit, pull, inertia = step
+    duration, v_bone, mass, k, L, limit, pull, inertia, _ = step
     # (mass + h b + h^2 k) v + h F(|v|) z(v) = impulse, with u = |v|/limit the unknown.
     impulse = mass * v + duration * (k * stretch + pull)
     hold = duration * F0
-    steep = max(slope * L, -0.5 * inertia)
+    steep = slope * L
     push = impulse - hold * z
     sign = 1.0 if push > 0.0 else -1.0
     ahead = sign * push

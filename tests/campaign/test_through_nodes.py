@@ -78,10 +78,11 @@ def through_nodes(campaign, finger, like, monkeypatch):
 
 @pytest.mark.parametrize(
     ("number", "law", "vibration_law"),
+    # Fingers that do not end in a limit cycle, which would magnify what the objects round.
     [
         (1, Law.MEASURED, VibrationLaw.PI),
         (3, Law.MEASURED, VibrationLaw.PI),
-        (2, Law.MEASURED, VibrationLaw.SCHEDULED),
+        (6, Law.MEASURED, VibrationLaw.SCHEDULED),
         (1, Law.PREDICTIVE, VibrationLaw.PREDICTIVE),
     ],
 )
