@@ -12,13 +12,12 @@ from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 from smarttac_can.od.scaling import QuantisedOnDemand, Quantiser
-from smarttac_can.plant.faults import Fault
+from smarttac_can.plant.faults import Fault, PowerStage
 from smarttac_can.plant.finger import Finger, Lifted, Stroke
 from smarttac_can.plant.fitted import FITTED
 from smarttac_can.plant.parameters import PlateParameters
 from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.sensors import Weight
-from smarttac_can.plant.stage import PowerStage
 from smarttac_can.plant.subjects import SUBJECTS
 from smarttac_can.vocabulary.faults import FaultCode, FaultKind
 from smarttac_can.vocabulary.meanings import FAULT_KIND, RECORDED, START_RUN, STROKE

@@ -1,7 +1,8 @@
 """One tick of the plate with the finger on it, in plain functions of floats and named tuples.
 
 `plate_step` moves plate, film, skin and finger by a tick, with the drives of that tick, and reads
-the sensors at its end. Numba and mypyc compile it as it stands.
+the sensors at its end. Numba and mypyc compile it as it stands. The amplitude at the finger follows
+``shape |W|`` with the lag of the squeeze film; its step is exact for a vibration that is a ramp.
 """
 
 from __future__ import annotations
@@ -10,7 +11,6 @@ import math
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-from smarttac_can.plant.film import film, film_share, shape_at
 from smarttac_can.plant.force_path import Propagator, follow, propagator
 from smarttac_can.plant.friction import (
     FrictionMap,
@@ -372,6 +372,38 @@ def _advanced(
 def _swings(v: float, v_bone: float) -> bool:
     """Return whether the skin swings against the bone, by their velocities in m/s."""
     return abs(v - v_bone) > max(SWING_SPEED, SWING_SHARE * abs(v_bone))
+
+
+def shape_at(x: float, ripple: float, node_distance: float) -> float:
+    """Return ``1 + ripple cos(2 pi x/node_distance)`` at x in m from the middle of the plate.
+
+    It is the ratio of the amplitude at the finger, averaged over the contact, to that at the
+    pick-up.
+    """
+    return 1.0 + ripple * math.cos(TWO_PI * x / node_distance)
+
+
+def film_share(duration: float, lag: float) -> float:
+    """Return the fraction of its distance that the film covers in a step, both times in s."""
+    return -math.expm1(-duration / lag) if lag else 1.0
+
+
+def film(before: float, start: float, end: float, lag_steps: float, share: float) -> float:
+    """Return the amplitude in m that acts on the skin after a step.
+
+    Parameters
+    ----------
+    before
+        The same before the step.
+    start, end
+        Amplitude at the finger's place without a film in m, before and after the step.
+    lag_steps
+        Lag of the film over the length of the step.
+    share
+        Of `film_share`.
+    """
+    late = lag_steps * (end - start)
+    return end - late + (before - start + late) * (1.0 - share)
 
 
 def _in_frame(motion: Motion, omega: float) -> Motion:

@@ -3,8 +3,10 @@
 from dataclasses import replace
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from smarttac_can.plant.faults import Fault, broken
+from smarttac_can.plant.faults import Fault, PowerStage, broken
 from smarttac_can.plant.finger import Lifted, Stroke
 from smarttac_can.plant.parameters import PlateParameters
 from smarttac_can.plant.plate import Plate
@@ -232,3 +234,17 @@ def test_any_gain_is_that_of_its_axes_alone(sensor: int, axes: str, gain: int) -
 def test_only_the_gain_is_lost_on_both_axes_at_once() -> None:
     with pytest.raises(ValueError, match=r"sensor 10 is outside 1\.\.9"):
         plate().inject(Fault(FaultKind.STUCK, PICKUP, 0))
+
+
+voltages = st.floats(0.0, 500.0) | st.just(0.0)
+
+
+@given(stuck=voltages, commanded=voltages)
+@settings(max_examples=50)
+def test_a_stage_puts_out_what_is_commanded_unless_it_is_stuck(stuck, commanded):
+    stage = PowerStage()
+    assert stage.put_out(commanded) == commanded
+    stage.stick(stuck)
+    assert stage.put_out(commanded) == (0.0 if commanded == 0.0 else stuck or commanded)
+    stage.stick(0.0)
+    assert stage.put_out(commanded) == commanded

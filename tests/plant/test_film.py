@@ -4,8 +4,8 @@ import math
 import numpy as np
 import pytest
 
-from smarttac_can.plant.film import film, film_share, shape_at
 from smarttac_can.plant.finger import Stroke, Trajectory
+from smarttac_can.plant.motion import film, film_share, shape_at
 from smarttac_can.plant.parameters import ContactParameters, PlateParameters
 from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.subjects import SUBJECTS
