@@ -4,6 +4,7 @@ import math
 import numpy as np
 import pytest
 
+from smarttac_can.plant import motion
 from smarttac_can.plant.finger import Stroke, Trajectory
 from smarttac_can.plant.motion import film, film_share, shape_at
 from smarttac_can.plant.parameters import ContactParameters, PlateParameters
@@ -77,6 +78,21 @@ def test_friction_falls_later_behind_a_film_and_ends_the_same():
         drops.append((int(np.argmax(mu < 0.5 * (mu[0] + mu[-1]))), mu[-1]))
     assert drops[0][0] < drops[1][0] < drops[2][0]
     assert drops[1][1] == pytest.approx(drops[0][1], rel=1e-3)
+
+
+def test_substeps_behind_a_film_are_enough(monkeypatch):
+    """The reference takes 64 sub-steps; the vibration begins under a sliding finger."""
+
+    def cof(substeps):
+        monkeypatch.setattr(motion, "SUBSTEPS_OF_ENVELOPE", substeps)
+        plate = make(Trajectory([(0.0, -0.03, 0.5), (1.0, 0.03, 0.5)]), film_lag=2e-3)
+        for _ in range(200):
+            plate.step(Drive(0.0, 43390.0), Drive(0.0, 43390.0))
+        return friction(plate, 60)
+
+    chosen, reference, coarse = cof(motion.SUBSTEPS_OF_ENVELOPE), cof(64), cof(1)
+    assert np.max(np.abs(chosen - reference)) < 5e-4
+    assert np.max(np.abs(coarse - reference)) > 3e-3
 
 
 def test_vibration_and_friction_of_a_moving_finger_beat_with_the_nodes():

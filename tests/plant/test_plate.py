@@ -255,6 +255,23 @@ def test_substeps_are_enough(monkeypatch):
     assert coarse > 10 * chosen
 
 
+def test_only_a_skin_that_swings_takes_the_short_steps(monkeypatch):
+    """The skin slides with the bone at 20 mm/s, and swings when the vibration stops."""
+
+    def lateral(of_swing):
+        monkeypatch.setattr(motion, "SUBSTEPS_OF_SWING", of_swing)
+        plate = make(Trajectory([(0.0, -0.02, 0.5), (2.0, 0.02, 0.5)]))
+        forces = []
+        for drive in [ON] * 300 + [OFF] * 10:
+            plate.step(drive, drive)
+            forces.append(plate.Ft)
+        return forces
+
+    chosen, shorter = lateral(motion.SUBSTEPS_OF_SWING), lateral(64)
+    assert chosen[100:300] == shorter[100:300]
+    assert chosen[300:] != shorter[300:]
+
+
 def test_occlusion_raises_friction_over_seconds():
     plate = make(Trajectory([(0.0, -0.03, 0.5), (1.0, 0.03, 0.5)]))
     for _ in range(500):
