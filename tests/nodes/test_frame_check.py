@@ -1,7 +1,5 @@
 """The check of the loop's PDOs: what it is, what it finds, and what the nodes do then."""
 
-from hypothesis import given
-from hypothesis import strategies as st
 from line import (
     DRIVE,
     PREOP,
@@ -19,30 +17,13 @@ from line import (
 
 from smarttac_can.bench.simulation import STIMULATOR_ID
 from smarttac_can.device.frame import Frame
-from smarttac_can.nodes.loop_frames import crc8
 from smarttac_can.vocabulary.states import State
-
-BYTES = st.binary(min_size=1, max_size=23)
 
 
 def flipped(frame: Frame, bit: int) -> Frame:
     data = bytearray(frame.data)
     data[bit // 8] ^= 1 << bit % 8
     return Frame(frame.can_id, bytes(data))
-
-
-def test_it_is_that_of_sae_j1850() -> None:
-    """Check value of the catalogue of parametrised CRC algorithms (reveng, CRC-8/SAE-J1850)."""
-    assert crc8(b"123456789") == 0x4B
-
-
-@given(BYTES, st.data())
-def test_any_wrong_bit_and_any_short_burst_is_found(data: bytes, draw: st.DataObject) -> None:
-    first = draw.draw(st.integers(0, 8 * len(data) - 1))
-    burst = draw.draw(st.integers(1, 255).filter(lambda bits: bits & 1))
-    wrong = int.from_bytes(data, "big") ^ burst << first
-    size = max(len(data), (wrong.bit_length() + 7) // 8)
-    assert crc8(wrong.to_bytes(size, "big")) != crc8(data.rjust(size, b"\0"))
 
 
 def test_a_drive_with_any_wrong_bit_is_not_taken() -> None:

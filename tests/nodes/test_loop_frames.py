@@ -1,4 +1,4 @@
-"""The frames of the loop carry what both ends know, and no master changes that; their links."""
+"""The frames of the loop carry what both ends know, with a check, and no master changes that."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 from driven import driven, write_entry
+from hypothesis import given
+from hypothesis import strategies as st
 from line import Line
 
 from smarttac_can.bench.network import LocalNetwork
@@ -18,6 +20,7 @@ from smarttac_can.bench.simulation import (
 )
 from smarttac_can.nodes.loop_frames import (
     CheckedFrames,
+    crc8,
     links_to_plate,
     plate_serial,
     received_drive,
@@ -127,3 +130,17 @@ def test_what_differs_from_the_default_is_kept() -> None:
     assert first not in links
     assert sync not in links
     assert links[drive] == 0x221
+
+
+def test_the_check_is_that_of_sae_j1850() -> None:
+    """Check value of the catalogue of parametrised CRC algorithms (reveng, CRC-8/SAE-J1850)."""
+    assert crc8(b"123456789") == 0x4B
+
+
+@given(st.binary(min_size=1, max_size=23), st.data())
+def test_any_wrong_bit_and_any_short_burst_is_found(data: bytes, draw: st.DataObject) -> None:
+    first = draw.draw(st.integers(0, 8 * len(data) - 1))
+    burst = draw.draw(st.integers(1, 255).filter(lambda bits: bits & 1))
+    wrong = int.from_bytes(data, "big") ^ burst << first
+    size = max(len(data), (wrong.bit_length() + 7) // 8)
+    assert crc8(wrong.to_bytes(size, "big")) != crc8(data.rjust(size, b"\0"))
