@@ -526,7 +526,9 @@ def test_on_entering_the_mode_a_finger_inside_the_band_is_on_the_side_it_is_on()
     run(cascade, plate, setpoint(), 1, lambda W: gauges(Fn=0.5, x=-0.4e-3))
     assert cascade.mu_ref == 0.3
     cascade.set_mode(Mode.AMPLITUDE)
-    run(cascade, plate, setpoint(), 50, lambda W: gauges(Fn=0.5, x=0.4e-3))
+    # It comes from further right, so its speed is towards the left.
+    for x in (0.9e-3, 0.4e-3):
+        run(cascade, plate, setpoint(), 50, lambda W, x=x: gauges(Fn=0.5, x=x))
     cascade.set_mode(Mode.FRICTION)
     run(cascade, plate, setpoint(), 1, lambda W: gauges(Fn=0.5, x=0.4e-3))
     assert cascade.mu_ref == 0.4
