@@ -67,6 +67,24 @@ def test_a_panel_runs_beside() -> None:
     assert process.returncode == 0 or complaints.splitlines()[-1].startswith("Error: the ")
 
 
+def test_an_sdo_client_runs_beside() -> None:
+    with running("--seconds", "5", "--sdo", "5000", "--deadline", "100", "--json") as process:
+        said, complaints = process.communicate()
+    if not said:
+        # A machine that is too busy may fail a transfer before there are results.
+        assert process.returncode == 1
+        assert complaints.splitlines()[-1].startswith("Error: ")
+        assert "changed the data" not in complaints
+        return
+    results = json.loads(said)
+    assert set(results["deadline_ms"].values()) == {100}
+    assert results["transfers"] > 0
+    assert 0 < results["answer_p50_ms"] <= results["answer_p99_ms"]
+    assert results["bare_frames_per_s"] > 0
+    for way in ("down", "up"):
+        assert results[f"block_{way}load_share_of_bare"] > 0
+
+
 def test_a_signal_ends_all_of_it() -> None:
     with running("--seconds", "3600", "--hogs", "1") as process:
         tool = psutil.Process(process.pid)

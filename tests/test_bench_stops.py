@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 TOOL = Path(__file__).parents[1] / "tools" / "bench_stops"
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="pipes and priorities of Linux")
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="priorities of Linux")
 
 
 @pytest.fixture(scope="module")
@@ -116,10 +116,7 @@ def test_wrong_arguments(
 def test_one_case_with_real_processes(tool: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     (case,) = [case for case in tool.CASES if case.name == "stimulator, SIGTERM"]
     monkeypatch.setattr(tool, "CASES", [case])
-    shown: list[dict[str, Any]] = []
-    results = tool.run(None, 1, shown.append)
-    (row,) = results["cases"]
-    assert shown == [row]
+    (row,) = tool.run(None, 1)["cases"]
     assert row["broken"] == []
     # A machine that is too busy for the loop has to say so.
     assert row["measured"] or row["tripped_before"]

@@ -1,12 +1,12 @@
-"""Sweep the failures of the sensors, sum them up in tools/fmeda.json, and write its pages anew.
+"""Sweep the failures of the sensors, and sum them up in tools/fmeda.json.
 
-    python tools/fmeda.py [--fine] [--random N] [--healthy N] [--seed SEED]
+    python tools/fmeda.py [--fine] [--healthy N] [--seed SEED]
     python tools/fmeda.py --check
 
 What is run: the coarse sweep of `smarttac fmeda`, a minute of processor time, runs without a
 failure, and what is asked for besides; then the coarse sweep on plates that soften and were
-identified. A check runs the coarse sweep alone: it has to keep the promise, and to come to what the
-file says.
+identified. Then tools/reference.py makes the pages. A check runs the coarse sweep alone: it has to
+keep the promise, and to come to what the file says.
 
 Example: python tools/fmeda.py --fine --healthy 5000 --seed 7
 """
@@ -16,34 +16,184 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Sequence
-from typing import Any
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import click
-from fmeda_page import SUMMARY, row_of_factor
-from reference import write_pages
+from pages import REFERENCE, Pages, renewed
 
 from smarttac_can.host.terminal import progress_bar
+from smarttac_can.od.object_reference import table
 from smarttac_can.trials.healthy_runs import healthy_as_json, healthy_run
 from smarttac_can.trials.sensor_sweep import (
     PROMISES,
     Cell,
+    Promise,
     Result,
     fingerprint,
     grid_cells,
-    random_cells,
+    parse_cell,
     run_cell,
     softened,
     summary,
 )
 from smarttac_can.trials.workers import in_order
 
+SUMMARY = Path(__file__).resolve().parent / "fmeda.json"
 COARSE_SEED = 1
 """That of `smarttac fmeda` unless told otherwise."""
 JOBS = os.cpu_count() or 1
 SOFTENINGS = (60.0, 150.0)
 """Of the plates in Hz/um."""
-FACTORS = ("identified", "motion", "mode")
+_FACTORS = {
+    "identified": {
+        "no": "never identified: the model of the EDS",
+        "sound": "identified with all sensors sound",
+        "failed": "identified while the sensor had failed",
+    },
+    "motion": {
+        "none": "no finger",
+        "holding": "finger on the plate",
+        "landing": "finger lands",
+        "lifting": "finger lifts",
+    },
+    "mode": {},
+}
+"""Factors of a cell by the name of its field, and how their values are called."""
+
+
+class Found(NamedTuple):
+    """What some rows of the sweep have come to."""
+
+    cells: int
+    violations: int
+    above: int
+    """Most cycles of a cell above its bound."""
+    peak_um: float
+    """Largest true vibration of all cells, peak-to-peak."""
+    energy_J: float
+    """Most energy that the plate of a cell lost above its bound."""
+
+    def __str__(self) -> str:
+        if self.violations:
+            return f"{self.violations} of {self.cells} cells beyond the promise"
+        return f"none in {self.cells} cells"
+
+
+def summed_up() -> dict[str, Any]:
+    """Return the summary that the pages are made of."""
+    read: dict[str, Any] = json.loads(SUMMARY.read_text(encoding="utf-8"))
+    return read
+
+
+def row_of_factor(factor: str) -> Callable[[Result], str]:
+    """Return what names the row of a result by a factor of its cell, such as ``motion``."""
+    names = _FACTORS[factor]
+
+    def row_of(result: Result) -> str:
+        value: str = getattr(parse_cell(result.cell), factor)
+        return names.get(value, value.lower().replace("_", " "))
+
+    return row_of
+
+
+def found(patterns: list[str], made: Mapping[str, Any]) -> Found:
+    """Sum up the rows of failures or factors that match one of some patterns.
+
+    Parameters
+    ----------
+    patterns
+        Such as ``pick-up *: stuck*``.
+    made
+        The summary.
+
+    Raises
+    ------
+    ValueError
+        If no row matches one of them.
+    """
+    rows = made["failures"] | {
+        name: row for factor in made["factors"].values() for name, row in factor.items()
+    }
+    matched = {pattern: [n for n in rows if fnmatchcase(n, pattern)] for pattern in patterns}
+    if missing := [pattern for pattern, names in matched.items() if not names]:
+        raise ValueError(f"{SUMMARY.name} has no row {', '.join(missing)}")
+    chosen = [rows[name] for name in {name for names in matched.values() for name in names}]
+    return Found(
+        sum(row["cells"] for row in chosen),
+        sum(row["violations"] for row in chosen),
+        *(max(row[name] for row in chosen) for name in ("above", "peak_um", "energy_J")),
+    )
+
+
+def fmeda_page(made: Mapping[str, Any] | None = None) -> Pages:
+    """Return the page with its fields made anew.
+
+    Parameters
+    ----------
+    made
+        A summary; that of the repository unless given.
+    """
+    made = made or summed_up()
+    promise, runs = Promise(**made["promise"]), made["healthy"]
+    sweep = ("name", "seed", "cells", "violations", "fingerprint")
+    factors = [
+        (name, rows[name])
+        for factor, rows in made["factors"].items()
+        for name in _FACTORS[factor].values() or rows
+        if name in rows
+    ]
+    numbers = promise._asdict() | {
+        "sound_um": f"{promise.bare_um / promise.model_share:.2f}",
+        "unsound_um": f"{promise.bare_um / promise.lowest_gain:.2f}",
+        "runs": runs["runs"],
+        "seed": runs["seed"],
+        "false": runs["false"],
+        "true": runs["ended"] - runs["false"],
+        "limited": f"{100.0 * runs['limited'] / runs['cycles']:.1f}",
+    }
+    tables = {
+        "sweeps": (
+            ("Sweep", "Seed", "Cells", "Beyond the promise", "Fingerprint"),
+            *(tuple(str(each[name]) for name in sweep) for each in made["sweeps"]),
+        ),
+        "failures": (_head("Failure"), *map(_row, made["failures"].items())),
+        "factors": (_head("Circumstance"), *map(_row, factors)),
+    }
+    return renewed(
+        REFERENCE / "fmeda.md",
+        {
+            "command": f"`{made['command']}`",
+            **{name: f"{n:g}" if isinstance(n, float) else str(n) for name, n in numbers.items()},
+            **{name: table(*rows) for name, rows in tables.items()},
+        },
+    )
+
+
+_SHOWN = 4
+"""Watchdogs of a row that are named."""
+
+
+def _head(what: str) -> tuple[str, ...]:
+    return (what, "Cells", "Ended by", "After [cycles]", "Reached [um]", "Above the bound [cycles]")
+
+
+def _row(named: tuple[str, Mapping[str, Any]]) -> tuple[str, ...]:
+    name, row = named
+    ended = [f"{count} {by}" for by, count in Counter(row["ended"]).most_common(_SHOWN)]
+    if others := row["cells"] - sum(sorted(row["ended"].values())[-_SHOWN:]):
+        ended.append(f"{others} others")
+    return (
+        name,
+        f"{row['cells']}",
+        ", ".join(ended),
+        f"{row['after']}",
+        f"{row['peak_um']:.2f}",
+        f"{row['above']}",
+    )
 
 
 def swept(name: str, seed: int, cells: Sequence[Cell]) -> tuple[dict[str, Any], list[Result]]:
@@ -77,7 +227,7 @@ def healthy_runs(count: int, seed: int) -> dict[str, Any]:
 def check() -> int:
     """Return 1 if the coarse sweep breaks the promise, or comes to something else than before."""
     now, _ = swept("coarse", COARSE_SEED, grid_cells(COARSE_SEED))
-    then = json.loads(SUMMARY.read_text(encoding="utf-8"))["sweeps"][0]
+    then = summed_up()["sweeps"][0]
     print(f"{now['cells']} cells, {now['violations']} violations")
     if now != then:
         print(f"{SUMMARY.name} is stale, {then} is now {now}: run tools/fmeda.py as fmeda.md says")
@@ -86,22 +236,19 @@ def check() -> int:
 
 @click.command(help=__doc__)
 @click.option("--fine", is_flag=True, help="The fine sweep as well, 40 minutes of processor time.")
-@click.option("--random", "drawn", type=click.IntRange(min=1), help="So many random cells as well.")
 @click.option(
     "--healthy", type=click.IntRange(min=1), default=100, help="So many runs without a failure."
 )
 @click.option("--seed", type=click.IntRange(min=0), default=COARSE_SEED, help="Of all of these.")
 @click.option("--check", "checks", is_flag=True, help="Write nothing.")
-def main(*, fine: bool, drawn: int | None, healthy: int, seed: int, checks: bool) -> None:
-    """Write summary and pages; exit with 1 if a promise is broken, or the summary is stale."""
+def main(*, fine: bool, healthy: int, seed: int, checks: bool) -> None:
+    """Write the summary; exit with 1 if a promise is broken, or the summary is stale."""
     if checks:
         sys.exit(check())
     coarse = grid_cells(COARSE_SEED)
     asked = [("coarse", COARSE_SEED, coarse)]
     if fine:
         asked.append(("fine", seed, grid_cells(seed, fine=True)))
-    if drawn is not None:
-        asked.append(("random", seed, random_cells(drawn, seed)))
     sweeps, results = [], []
     for sweep in asked:
         said, found = swept(*sweep)
@@ -112,22 +259,14 @@ def main(*, fine: bool, drawn: int | None, healthy: int, seed: int, checks: bool
         sweeps.append(swept(f"coarse, {each:g} Hz/um", COARSE_SEED, cells)[0])
     runs = healthy_runs(healthy, seed)
     made = {
-        "command": " ".join(
-            (
-                "tools/fmeda.py",
-                *(("--fine",) if fine else ()),
-                *((f"--random {drawn}",) if drawn else ()),
-                f"--healthy {healthy} --seed {seed}",
-            )
-        ),
+        "command": f"tools/fmeda.py {'--fine ' * fine}--healthy {healthy} --seed {seed}",
         "promise": PROMISES._asdict(),
         "sweeps": sweeps,
         "failures": summary(results),
-        "factors": {factor: summary(results, row_of_factor(factor)) for factor in FACTORS},
+        "factors": {factor: summary(results, row_of_factor(factor)) for factor in _FACTORS},
         "healthy": runs,
     }
     SUMMARY.write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
-    write_pages()
     run, broken = (sum(sweep[name] for sweep in sweeps) for name in ("cells", "violations"))
     print(f"{run} cells, {broken} violations; {runs['false']} false trips")
     sys.exit(1 if broken or runs["false"] else 0)

@@ -1,6 +1,6 @@
-"""What the measuring tools share: a loop that regulates, runs of two trees by turns, and ratios.
+"""What the measuring tools share: options, a bus, runs of two trees by turns, ratios, printing.
 
-It names nothing of the package but what lab scripts import, so a tool may measure an older tree.
+It names nothing of the package, so a tool may measure an older tree.
 """
 
 from __future__ import annotations
@@ -8,36 +8,30 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final, NoReturn
 
 import click
 import numpy as np
 
-if TYPE_CHECKING:
-    from smarttac_can.bench import Stimulator
-
 ROOT: Final = Path(__file__).resolve().parent.parent
-PACKAGE: Final = "smarttac_can"
-COF: Final = 0.35
-COF_BOUND: Final = 0.05
-"""Deviation of the median COF from the reference at most, as a share of it."""
-SETTLING_S: Final = 0.7
-"""Touch-down included; the finger turns for the first time after 1.5 s of sliding."""
 DRAWS: Final = 10_000
 """Of the pairs, for the range of a ratio."""
+_ENDING: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
-def parser_of(text: str | None) -> argparse.ArgumentParser:
+def parser_of(text: str | None, *, realtime: bool = False) -> argparse.ArgumentParser:
     """Return a parser with what all measuring tools have; the text is that of the tool."""
     parser = argparse.ArgumentParser(
         description=text, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--json", action="store_true", help="print JSON")
+    if realtime:
+        parser.add_argument("--realtime", type=int, help="SCHED_FIFO priority of the nodes, 1..99")
     return parser
 
 
@@ -45,67 +39,48 @@ def add_against(parser: argparse.ArgumentParser, pairs: int) -> None:
     """Add the options of a comparison with another tree."""
     parser.add_argument("--against", type=Path, metavar="TREE", help="another working tree")
     parser.add_argument(
-        "--pairs", type=int, help=f"runs of each tree with --against (default {pairs})"
+        "--pairs", type=int, default=pairs, help=f"runs of each tree (default {pairs})"
     )
-    parser.set_defaults(default_pairs=pairs)
 
 
-def pairs_of(parser: argparse.ArgumentParser, arguments: argparse.Namespace) -> int:
-    """Return how many pairs are asked for; a usage error if that makes no sense."""
-    if arguments.pairs is None:
-        return int(arguments.default_pairs)
-    if arguments.against is None:
-        parser.error("--pairs needs --against")
+def tree_of(parser: argparse.ArgumentParser, arguments: argparse.Namespace, file: str) -> Path:
+    """Return the path of the other tree; a usage error if it has no such file, or no pairs."""
+    tree: Path = arguments.against.resolve()
     if arguments.pairs < 1:
         parser.error(f"--pairs {arguments.pairs} is below 1")
-    return int(arguments.pairs)
+    if not (tree / file).exists():
+        parser.error(f"--against {arguments.against} has no {file}")
+    return tree
 
 
-def tree_of(parser: argparse.ArgumentParser, tree: Path) -> Path:
-    """Return the path of a tree; a usage error if it has no package."""
-    if not (tree / PACKAGE).is_dir():
-        parser.error(f"{tree} is no working tree with a package {PACKAGE}")
-    return tree.resolve()
+def own_bus(channel: str) -> dict[str, Any]:
+    """Return the options of a bus on this computer; those of two runs at once are two."""
+    return {
+        "interface": "udp_multicast",
+        "channel": channel,
+        "port": 40000 + os.getpid() % 20000,
+        "hop_limit": 0,  # what plain python-can sends stays on this computer as well
+    }
 
 
-@contextmanager
-def regulating(link: Any, *, plate_inside: bool, tree: Path | None = None) -> Iterator[Stimulator]:
-    """Regulate friction under a sliding finger, with all watchdogs, until the block ends.
+def finished(measure: Callable[[], int], *errors: type[Exception]) -> int:
+    """Measure, and return the exit code: 1 for what could not be measured, with the reason.
 
-    Raises
-    ------
-    SystemExit
-        If the package is not that of the tree.
+    A signal ends all processes that the tool has begun, and itself by 128 and the signal.
     """
-    # Only the package of the tree that this process is for.
-    import smarttac_can.bench  # noqa: PLC0415
-    from smarttac_can.bench import Mode, Stimulator  # noqa: PLC0415
 
-    file = Path(smarttac_can.bench.__file__).resolve()
-    if tree is not None and not file.is_relative_to(tree):
-        raise SystemExit(f"the package comes from {file}")
-    with Stimulator.simulate(link, plate_inside=plate_inside) as bench:
-        bench.finger.stroke(2, speed=20.0, travel=30.0)
-        bench.start_run()
-        bench.tare()
-        bench.amplitude, bench.cof = 1.0, COF
-        bench.mode = Mode.FRICTION
-        bench.run(SETTLING_S)
-        yield bench
+    def leave(number: int, _frame: object) -> NoReturn:
+        for ending in _ENDING:
+            signal.signal(ending, signal.SIG_IGN)
+        sys.exit(128 + number)
 
-
-def require_friction(bench: Stimulator, cof: float) -> None:
-    """Raise SystemExit unless friction is regulated under a finger, to a median COF."""
-    from smarttac_can.bench import Mode, State  # noqa: PLC0415
-
-    state, mode = bench.state, Mode(int(bench.get("Mode display")))
-    touching = bench.get("Contact.Touching") > 0
-    near = abs(cof - COF) <= COF_BOUND * COF
-    if state is not State.RUNNING or mode is not Mode.FRICTION or not touching or not near:
-        raise SystemExit(
-            f"state {state.name}, mode {mode.name}, {'a' if touching else 'no'} finger, "
-            f"COF {cof:.3f}: friction is not regulated to {COF} within {COF_BOUND:.0%}"
-        )
+    for ending in _ENDING:
+        signal.signal(ending, leave)
+    try:
+        return measure()
+    except errors as error:
+        print(f"Error: {error}", file=sys.stderr)
+        return 1
 
 
 def results_in(tree: Path, tool: str | Path, *arguments: str) -> Any:
@@ -124,18 +99,15 @@ def results_in(tree: Path, tool: str | Path, *arguments: str) -> Any:
     return json.loads(done.stdout)
 
 
-def by_turns(
-    other: Callable[[], Any], here: Callable[[], Any], pairs: int
-) -> tuple[list[Any], list[Any]]:
-    """Run two by turns, and return what each gave; every second pair starts with the other."""
-    of_other: list[Any] = []
-    of_here: list[Any] = []
-    with click.progressbar(range(pairs), label="pairs", file=sys.stderr) as bar:
-        for pair in bar:
-            turns = [(here, of_here), (other, of_other)]
-            for run, results in reversed(turns) if pair % 2 else turns:
-                results.append(run())
-    return of_other, of_here
+def by_turns(runs: Sequence[Callable[[], Any]], turns: int) -> list[list[Any]]:
+    """Run each once a turn, in reverse every second turn, and return what each gave."""
+    results: list[list[Any]] = [[] for _ in runs]
+    with click.progressbar(range(turns), label="turns", file=sys.stderr) as bar:
+        for turn in bar:
+            order = list(zip(runs, results, strict=True))
+            for run, found in reversed(order) if turn % 2 else order:
+                found.append(run())
+    return results
 
 
 def compared(
@@ -158,3 +130,19 @@ def compared(
         found["ratio"] = round(float(average(now) / average(before)), 3)
         found["range"] = interval.round(3).tolist()
     return found
+
+
+def show(results: dict[str, Any], *, as_json: bool) -> None:
+    """Print results as JSON, or for people."""
+    if as_json:
+        print(json.dumps(results, indent=2))
+        return
+    for key, value in results.items():
+        first, *others = map(_line, value) if isinstance(value, list) and value else [_line(value)]
+        print(f"{key:<40}{first}", *(f"{'':<40}{line}" for line in others), sep="\n")
+
+
+def _line(value: Any) -> str:
+    if isinstance(value, dict):
+        return "  ".join(f"{name} {item}" for name, item in value.items())
+    return str(value)

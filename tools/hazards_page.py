@@ -9,7 +9,7 @@ from math import exp, pi, sqrt
 from pathlib import Path
 from typing import Any
 
-from fmeda_page import Found, found, summary
+from fmeda import Found, found, summed_up
 from pages import EXPLANATION, Pages, renewed
 
 from smarttac_can.control.step import FREQUENCY_STEP
@@ -147,7 +147,7 @@ def _reached(cause: dict[str, Any], times: dict[str, float], od: ObjectDictionar
     if faults := cause.get("simulated"):
         yield f"{max(simulated(faults).values()):.2f} um in the matrix"
     if rows := cause.get("swept"):
-        yield _swept(found(rows, summary()))
+        yield _swept(found(rows, summed_up()))
 
 
 def _swept(figures: Found) -> str:
@@ -157,7 +157,7 @@ def _swept(figures: Found) -> str:
 
 def _tried(cause: dict[str, Any]) -> dict[str, str]:
     """Return what was tried instead of a proof, and what it found."""
-    made = summary()
+    made = summed_up()
     runs = made["healthy"]
     tried = {
         "HOSTILE": f"{_hostile_actions():,}".replace(",", " "),
@@ -197,7 +197,7 @@ def _common(causes: list[dict[str, Any]], times: dict[str, float]) -> Iterator[s
                 f"{figures} of the sweep; {_swept(figures)}",
             )
             for cause in causes
-            for figures in [found(cause["swept"], summary())]
+            for figures in [found(cause["swept"], summed_up())]
         ),
     )
 

@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import click
-from fmeda_page import fmeda_page
+from fmeda import fmeda_page
 from hazards_page import hazards_page
-from pages import REFERENCE, Pages, columns, made, renewed, write
+from pages import REFERENCE, Pages, columns, made, renewed
 
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
 from smarttac_can.cli import main as smarttac
@@ -384,11 +384,6 @@ def pages(_draw: bool = False) -> Pages:
         **hazards_page(),
         **{REFERENCE / page: text for page, text in python_pages()},
     }
-
-
-def write_pages() -> None:
-    """Write all pages anew."""
-    write(pages())
 
 
 if __name__ == "__main__":

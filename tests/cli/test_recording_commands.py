@@ -136,7 +136,11 @@ def test_a_killed_recording_is_recovered(multicast: dict[str, Any], tmp_path: Pa
     assert (result.exit_code, result.stderr) == (0, "")
     assert result.output.startswith(f"{path}: ")
     with h5py.File(path) as file:
-        assert len(file["tick"]) > 1000
+        ticks = file["tick"][:].tolist()
+        gaps = [(gap["first_tick"], gap["last_tick"]) for gap in file["gaps"][:]]
+        lost = [tick for first, last in gaps for tick in range(first, last + 1)]
+        assert len(ticks) > 1000
+        assert sorted([*ticks, *lost]) == list(range(ticks[0], ticks[-1] + 1))
         assert file["host_time_ns"][-1] * 1e-9 > killed - 1.0
     assert FrameLogReader(log).head["version"]
     again = refusal("record", "--recover", log, path)

@@ -13,23 +13,25 @@ from smarttac_can.bench import Mode, State, Stimulator
 
 ROOT = Path(__file__).parents[2]
 TOOL = ROOT / "tools" / "bench"
-STAGES = 9
 
 
 @pytest.fixture
 def tool(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    """Names of the tool, which its functions see, to be run with few ticks."""
-    monkeypatch.setattr("sys.argv", ["bench", "--ticks", "20", "--repeats", "2", "--json"])
+    """Names of the tool, which its functions see."""
     monkeypatch.syspath_prepend(str(TOOL.parent))
     names: dict[str, Any] = runpy.run_path(str(TOOL))["main"].__globals__
     return names
 
 
-def test_every_stage_takes_time(tool: dict[str, Any], capsys: pytest.CaptureFixture[str]) -> None:
-    tool["main"]()
-    costs = json.loads(capsys.readouterr().out)
-    assert len(costs) == STAGES
-    assert all(cost > 0 for cost in costs.values())
+def test_a_cycle_costs_time_over_every_link(
+    tool: dict[str, Any], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    call(tool, monkeypatch, "--ticks", "20", "--pairs", "2", "--json")
+    rows = json.loads(capsys.readouterr().out).values()
+    assert len(rows) == 2
+    for row in rows:
+        assert row["here"] > 0
+        assert row["real_time"] == pytest.approx(1e3 / row["here"], abs=0.1)
 
 
 def test_a_loop_that_is_off_is_an_error(
@@ -37,8 +39,9 @@ def test_a_loop_that_is_off_is_an_error(
 ) -> None:
     off = property(None, lambda bench, _: bench.disarm())
     monkeypatch.setattr(Stimulator, "mode", off)
-    with pytest.raises(SystemExit, match=r"^plant: step of 1 ms: state READY, mode OFF, a finger"):
-        tool["main"]()
+    monkeypatch.chdir(ROOT)
+    with pytest.raises(SystemExit, match=r"^state READY, mode OFF, a finger"):
+        tool["recorded"]("local", 20)
 
 
 @dataclass
@@ -111,8 +114,9 @@ def test_the_ratio_is_that_of_the_pairs(
 ) -> None:
     other, here = ([(us, "a") for us in many] for many in ((30.0, 90.0, 60.0), (15.0, 45.0, 30.0)))
     give(tool, monkeypatch, other=other, here=here)
-    assert tool["against"](Path("/other"), "local", 10, 3) == {
-        "other": 60.0, "here": 30.0, "ratio": 0.5, "range": [0.5, 0.5], "trace_sha256": "a",
+    assert tool["measured"]("local", [ROOT, Path("/other")], 10, 3) == {
+        "other": 60.0, "here": 30.0, "ratio": 0.5, "range": [0.5, 0.5], "real_time": 33.3,
+        "trace_sha256": "a",
     }  # fmt: skip
 
 
@@ -121,20 +125,20 @@ def test_trees_that_record_something_else(
 ) -> None:
     give(tool, monkeypatch, other=[(1.0, "a")], here=[(1.0, "b")])
     with pytest.raises(SystemExit, match=r"^local: the trees record different traces: a, b$"):
-        tool["against"](Path("/other"), "local", 10, 1)
+        tool["measured"]("local", [ROOT, Path("/other")], 10, 1)
 
 
 def test_a_tree_that_fails_is_named(tool: dict[str, Any], tmp_path: Path) -> None:
     with pytest.raises(SystemExit, match=rf"^Error: {tmp_path}: .*--one local .*: ."):
-        tool["against"](tmp_path, "local", 10, 1)
+        tool["measured"]("local", [tmp_path], 10, 1)
 
 
 @pytest.mark.parametrize(
     ("arguments", "error"),
     [
-        (["--against", "{empty}"], "is no working tree with a package smarttac_can"),
-        (["--against", str(ROOT), "--pairs", "0"], "--pairs 0 is below 1"),
-        (["--pairs", "3"], "--pairs needs --against"),
+        (["--against", "{empty}"], "has no smarttac_can"),
+        (["--against", str(ROOT), "--pairs", "0"], "--ticks and --pairs have to be 1 or more"),
+        (["--ticks", "0"], "--ticks and --pairs have to be 1 or more"),
     ],
 )
 def test_wrong_arguments(

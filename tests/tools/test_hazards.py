@@ -138,12 +138,12 @@ def test_what_is_left_is_what_the_sweep_found(
     tool: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     found = {"cells": 3, "violations": 0, "above": 4, "peak_um": 5.514, "energy_J": 0.01}
-    made = tool.summary()
+    made = tool.summed_up()
     rows = {
         name: row | {**found, "violations": int(name == "thermometer: stuck")}
         for name, row in made["failures"].items()
     }
-    monkeypatch.setattr(tool, "summary", lambda: made | {"failures": rows})
+    monkeypatch.setattr(tool, "summed_up", lambda: made | {"failures": rows})
     page = tool.hazards_page()
     gauges = row(page, "gauges are stuck")
     assert "; 5.51 um, 4 ms of it above the bound in the sweep |" in gauges

@@ -40,21 +40,18 @@ CELLS = [
 @pytest.fixture
 def page(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     monkeypatch.syspath_prepend(str(ROOT / "tools"))
-    import fmeda_page  # noqa: PLC0415 - found only now
+    import fmeda  # noqa: PLC0415 - found only now
 
-    return fmeda_page
+    return fmeda
 
 
 @pytest.fixture
 def tool(page: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ModuleType:
     """The tool with two cells for a sweep, one process, and a summary of its own."""
-    import fmeda  # noqa: PLC0415 - found only now
-
-    monkeypatch.setattr(fmeda, "SUMMARY", tmp_path / "fmeda.json")
-    monkeypatch.setattr(fmeda, "JOBS", 1)
-    monkeypatch.setattr(fmeda, "grid_cells", lambda _seed, *, fine=False: CELLS)
-    monkeypatch.setattr(fmeda, "write_pages", lambda: None)
-    return fmeda
+    monkeypatch.setattr(page, "SUMMARY", tmp_path / "fmeda.json")
+    monkeypatch.setattr(page, "JOBS", 1)
+    monkeypatch.setattr(page, "grid_cells", lambda _seed, *, fine=False: CELLS)
+    return page
 
 
 def run(tool: ModuleType, *arguments: str) -> tuple[int, str]:
@@ -68,7 +65,7 @@ def test_the_page_agrees_with_the_summary(page: ModuleType) -> None:
 
 
 def test_the_summary_is_that_of_the_failures_and_the_promise_of_the_code(page: ModuleType) -> None:
-    made = page.summary()
+    made = page.summed_up()
     assert made["promise"] == PROMISES._asdict()
     assert set(made["failures"]) == {failure.name for failure in failures()}
     assert sum(sweep["violations"] for sweep in made["sweeps"]) == 0
