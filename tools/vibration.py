@@ -1,4 +1,6 @@
-"""Compare the laws of the vibration: tables of docs/explanation/vibration.md.
+"""Compare the laws of the vibration: tables of docs/explanation/vibration.md and docs/dev.
+
+The cost of an update is that on this machine, so --check finds another one.
 
 Example: python tools/vibration.py
 """
@@ -7,19 +9,24 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
+from functools import cache
+from itertools import product
+from time import perf_counter
 from typing import Any
 
 import numpy as np
-from pages import EXPLANATION, Pages, columns, made, renewed
+from pages import DOCS, EXPLANATION, Pages, columns, made, renewed
 
 from smarttac_can.bench.drawing import GREEN, INK, RED, canvas, save
 from smarttac_can.control.cascade import Cascade
+from smarttac_can.control.identification import Identification
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.paper.experiments import Conditions, loop_dead_time
 from smarttac_can.paper.reproduce import reproduce
 from smarttac_can.plant import motion
 from smarttac_can.plant.finger import FingerState
-from smarttac_can.plant.parameters import PlateParameters
+from smarttac_can.plant.parameters import PlateParameters, ResonatorParameters, SensorParameters
 from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.resonator import Response, vibrate
 from smarttac_can.plant.subjects import SUBJECTS
@@ -28,12 +35,19 @@ from smarttac_can.vocabulary.signals import Drive, Setpoint
 from smarttac_can.vocabulary.states import Mode, VibrationLaw
 
 BUS = 540e-6
+WINDOW = 461e-6
+"""Of the pick-up in s."""
+STEP = 2e-6
+"""Amplitude of a step from rest in m."""
 LOOPS = {"both loops": Mode.AMPLITUDE_RESONANCE, "alone": Mode.AMPLITUDE}
 WARM = 43_250.0
 LINES = ((GREEN, "--"), (INK, ":"), (RED, "-"))
 """Colour and line of each law."""
-LOADED = {0.0: (VibrationLaw.PI, VibrationLaw.PREDICTIVE), 0.5: tuple(VibrationLaw)}
-"""Laws to compare under a force in N; without a finger two are the same."""
+PI, SCHEDULED, PREDICTIVE = VibrationLaw
+BARE = (PI, PREDICTIVE)
+"""Laws that differ without a finger."""
+LOADED = {0.0: BARE, 0.5: tuple(VibrationLaw)}
+"""Laws to compare under a force in N."""
 
 
 class Press:
@@ -61,6 +75,31 @@ class WatchedPlate(Plate):
         return W, rate
 
 
+@cache
+def identified(
+    parameters: PlateParameters, subject: int, dead_time: float, seed: int
+) -> PlateModel:
+    """Return the model that `identify` finds by the plate's data sheet, and a press its load."""
+    true = parameters.resonator
+    known = PlateModel(gain=true.gain, tau=true.tau)
+    plate = Plate(parameters, SUBJECTS[0], Press(0.0), seed=seed, dead_time=dead_time)
+    sheet = CascadeParameters(sheet_gain=true.gain, sheet_tau=true.tau)
+    found = Identification(known, WARM, sheet)
+    old = Drive(0.0, WARM)
+    while (drive := found.update(plate.sample().W)) is not None:
+        plate.step(old, drive)
+        old = drive
+    if found.model is None:
+        raise RuntimeError(found.failure)
+    plate = Plate(parameters, SUBJECTS[subject], Press(0.5), seed=seed, dead_time=dead_time)
+    drive, W = Drive(20.0, found.model.f0), []
+    for _ in range(200):
+        W.append(plate.sample().W)
+        plate.step(drive, drive)
+    load = found.model.load_of_press(drive.voltage, complex(np.mean(W[150:])), 0.5)
+    return replace(found.model, load=load)
+
+
 class Rig:
     """Plate, finger and controllers at rest, tared."""
 
@@ -73,13 +112,25 @@ class Rig:
         Fn: float = 0.0,
         subject: int = 0,
         seed: int = 1,
+        wrong: tuple[float, float, float] = (1.0, 1.0, 0.0),
+        softening: float = 0.0,
+        window: float = 0.0,
+        identify: bool = False,
     ) -> None:
+        gain, tau, off = wrong
+        true = ResonatorParameters(
+            gain=50e-9 * gain,
+            tau=PlateModel().tau * tau,
+            f0=43_390.0 + off,
+            softening=softening,
+        )
+        parameters = PlateParameters(resonator=true, sensors=SensorParameters(pickup_window=window))
         self.plate = WatchedPlate(
-            PlateParameters(), SUBJECTS[subject], Press(Fn), seed=seed, dead_time=dead_time
+            parameters, SUBJECTS[subject], Press(Fn), seed=seed, dead_time=dead_time
         )
         told = dead_time if told is None else told
-        parameters = CascadeParameters(vibration_law=law, dead_time=told)
-        self.cascade = Cascade(parameters, PlateModel())
+        model = identified(parameters, subject, dead_time, seed) if identify else PlateModel()
+        self.cascade = Cascade(CascadeParameters(vibration_law=law, dead_time=told), model)
         self.old = Drive(0.0, WARM)
         self.voltages: list[float] = []
         self.run(70, 0.0, Mode.OFF)
@@ -146,6 +197,28 @@ def loads_table() -> Iterator[str]:
     return columns(head, rows)
 
 
+def wrong_table(drawn: int) -> Iterator[str]:
+    """Draw 300 plates that are not the model's."""
+    rows = []
+    for law in BARE:
+        for dead_time in (0.0, BUS, 950e-6):
+            row = [law.name.lower(), f"{1e6 * dead_time:.0f}"]
+            for mode in LOOPS.values():
+                draw = np.random.default_rng(drawn)
+                runs = []
+                for seed in range(300):
+                    wrong = (*draw.uniform(0.8, 1.2, 2).tolist(), float(draw.uniform(-200, 200)))
+                    runs.append(steps(law, dead_time, mode, seed=seed, wrong=wrong)[:2])
+                times, overshoots = np.array(runs).T
+                times = np.nan_to_num(times, nan=80.0)
+                row += [
+                    " ".join(f"{np.percentile(times, q):.1f}" for q in (50, 95, 100)),
+                    " ".join(f"{np.percentile(overshoots, q):.0f}" for q in (50, 95, 100)),
+                ]
+            rows.append(row)
+    return columns("law|dead time|both: ms|both: %|alone: ms|alone: %", rows)
+
+
 def told_table() -> Iterator[str]:
     """Tell another dead time than the true one."""
     rows = []
@@ -165,6 +238,86 @@ def told_table() -> Iterator[str]:
     return columns("told|true|" + "|".join(names), rows)
 
 
+def softening_table() -> Iterator[str]:
+    """From rest to 2.5 um on the model's plate, which softens: ms; overshoot in %."""
+    rows = []
+    for law in VibrationLaw:
+        for dead_time in (0.0, BUS):
+            for Fn in (0.0, 0.5):
+                row = [law.name.lower(), f"{1e6 * dead_time:.0f}", f"{Fn:g}"]
+                for softening in (0.0, 60e6, 100e6, 150e6):
+                    rig = Rig(law, dead_time, Fn=Fn, softening=softening)
+                    W = rig.run(80, 2.5e-6, Mode.AMPLITUDE_RESONANCE)
+                    over = 100.0 * max(0.0, rig.plate.peak / 2.5e-6 - 1.0)
+                    row.append(cell(settled(W, 2.5e-6, 0.125e-6), over).replace("nan", "never"))
+                rows.append(row)
+    return columns("law|dead time|force, N|0 Hz/um|60 Hz/um|100 Hz/um|150 Hz/um", rows)
+
+
+def plates_table(drawn: int) -> Iterator[str]:
+    """Laws against plates that soften, behind a pick-up with a window; 300 corners a cell."""
+    rows = []
+    told = BUS + 0.5 * WINDOW
+    for law, (identify, dead_time, window, written) in product(
+        VibrationLaw,
+        (
+            (False, 0.0, 0.0, 0.0),
+            (False, BUS, 0.0, BUS),
+            (False, BUS, WINDOW, told),
+            (False, BUS, WINDOW, BUS),
+            (True, BUS, 0.0, BUS),
+            (True, BUS, WINDOW, told),
+        ),
+    ):
+        times_us = (f"{1e6 * time:.0f}" for time in (dead_time, window, written))
+        row = [law.name.lower(), "identified" if identify else "default", *times_us]
+        for softening in (0.0, 100e6, 150e6):
+            draw = np.random.default_rng(drawn)
+            runs = []
+            for seed in range(300):
+                wrong = (*draw.uniform(0.8, 1.2, 2).tolist(), float(draw.uniform(-200, 200)))
+                Fn, subject = float(draw.choice((0.0, 0.5, 1.0))), int(draw.integers(5))
+                rig = Rig(
+                    law, dead_time, told=written, Fn=Fn, subject=subject, seed=seed,
+                    wrong=wrong, softening=softening, window=window, identify=identify,
+                )  # fmt: skip
+                W = rig.run(80, STEP, Mode.AMPLITUDE_RESONANCE)
+                over = 100.0 * max(0.0, rig.plate.peak / STEP - 1.0)
+                runs.append((settled(W, STEP, 0.05 * STEP), over))
+            times, overshoots = np.array(runs).T
+            never = int(np.isnan(times).sum())
+            times = np.nan_to_num(times, nan=80.0)
+            row.append(
+                " ".join(f"{np.percentile(times, q):.1f}" for q in (50, 95, 100))
+                + "; "
+                + " ".join(f"{np.percentile(overshoots, q):.0f}" for q in (50, 95, 100))
+                + (f"; {never} never" if never else "")
+            )
+        rows.append(row)
+    return columns("law|model|dead time|window|told|0 Hz/um|100 Hz/um|150 Hz/um", rows)
+
+
+def small_table() -> Iterator[str]:
+    """Small and large amplitudes, and what the noise of the pick-up does."""
+    rows = []
+    for law in BARE:
+        for W_ref in (0.05e-6, 0.1e-6, 1e-6, 2.5e-6):
+            bench = Rig(law, BUS)
+            W = bench.run(1000, W_ref, Mode.AMPLITUDE_RESONANCE)
+            over = 100.0 * max(0.0, bench.plate.peak / W_ref - 1.0)
+            rows.append(
+                [
+                    law.name.lower(),
+                    f"{1e6 * W_ref:g}",
+                    f"{settled(W, W_ref, 0.05 * W_ref):.1f}",
+                    f"{over:.1f}",
+                    f"{1e9 * W[200:].std():.2f}",
+                    f"{1e3 * np.std(bench.voltages[200:]):.0f}",
+                ]
+            )
+    return columns("law|um|ms to 5 %|overshoot, %|std of W, nm|std of V, mV", rows)
+
+
 def friction_table() -> Iterator[str]:
     """Table I with each law: the loop of the friction was designed around the slowest."""
     rows = []
@@ -177,6 +330,29 @@ def friction_table() -> Iterator[str]:
                 [law.name.lower(), f"{1e6 * dead_time:.0f}", *(f"{mean[n]:.1f}" for n in names)]
             )
     return columns("law|dead time|rise, ms|overshoot, %|static error, %", rows)
+
+
+def cost_table() -> Iterator[str]:
+    """Median time of an update in closed loop, the laws in turn, and over that of `pi`."""
+    benches = {law: Rig(law, BUS, Fn=0.5) for law in VibrationLaw}
+    taken: dict[VibrationLaw, list[float]] = {law: [] for law in VibrationLaw}
+    for tick in range(3000):
+        W_ref = 1e-6 if tick // 50 % 2 else 1.5e-6
+        target = Setpoint(0.0, WARM, W_ref, 0.3, 0.4, 0.0)
+        for law, bench in benches.items():
+            bench.cascade.set_mode(Mode.AMPLITUDE_RESONANCE)
+            measurement = bench.plate.sample()
+            start = perf_counter()
+            drive = bench.cascade.update(measurement, target)
+            taken[law].append(perf_counter() - start)
+            bench.plate.step(bench.old, drive)
+            bench.old = drive
+    median = {law: float(np.median(times)) for law, times in taken.items()}
+    rows = [
+        [law.name.lower(), f"{1e6 * time:.1f} us", f"{time / median[PI]:.1f}"]
+        for law, time in median.items()
+    ]
+    return columns("law|an update|over `pi`", rows)
 
 
 def figure() -> None:
@@ -200,7 +376,7 @@ def figure() -> None:
         save(picture, EXPLANATION / "figures" / "laws.svg")
 
 
-def pages(draw: bool) -> Pages:
+def pages(draw: bool, seed: int) -> Pages:
     """Run everything, fill the template, draw the figure."""
     if draw:
         figure()
@@ -213,8 +389,18 @@ def pages(draw: bool) -> Pages:
         "fastest": f"{fastest:.2f}",
         "dead_time": f"{loop_dead_time(1_000_000):.0f}",
     }
-    return renewed(EXPLANATION / "vibration.md", fields)
+    plates = {
+        "softening": softening_table(),
+        "wrong": wrong_table(seed),
+        "plates": plates_table(seed),
+        "small": small_table(),
+        "cost": cost_table(),
+    }
+    return {
+        **renewed(EXPLANATION / "vibration.md", fields),
+        **renewed(DOCS / "dev" / "measurements.md", plates),
+    }
 
 
 if __name__ == "__main__":
-    sys.exit(made(__doc__, pages))
+    sys.exit(made(__doc__, pages, seed=17))
