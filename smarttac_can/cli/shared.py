@@ -279,24 +279,19 @@ class BusChoice(NamedTuple):
         """
         return PythonCanBus(self.interface, self.channel, self.bitrate, **self.others)
 
-    def open_network(self) -> canopen.Network:
-        """Open the bus as a network of python-canopen.
-
-        Raises
-        ------
-        BusError
-            It cannot be opened.
-        """
-        network = TappedNetwork()
-        with opening(self.interface, self.channel, BusError):
-            network.connect(**self.options)
-        return network
-
 
 @contextmanager
 def closing_network(bus: BusChoice) -> Iterator[canopen.Network]:
-    """Open a bus as a network, and disconnect at the end of the block, also after an error."""
-    network = bus.open_network()
+    """Open a bus as a network, and disconnect at the end of the block, also after an error.
+
+    Raises
+    ------
+    BusError
+        It cannot be opened.
+    """
+    network = TappedNetwork()
+    with opening(bus.interface, bus.channel, BusError):
+        network.connect(**bus.options)
     try:
         yield network
     finally:
