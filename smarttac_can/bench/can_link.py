@@ -227,29 +227,17 @@ class CanLink:
         if self._heartbeat is not None:
             self._heartbeat.begin()
 
-    def read(self, name: str) -> int:
-        """Read the raw value of an object over SDO."""
+    def read(self, name: str) -> Any:
+        """Read an object over SDO."""
         device = self._owner(name)
-        return int(device.read(device.od[name]))
+        return device.read(device.od[name])
 
-    def text(self, name: str) -> str:
-        """Read a string object over SDO."""
-        return str(self._stimulator.read(self._stimulator.od[name]))
-
-    def write(self, name: str, raw: int) -> None:
-        """Write a raw value over SDO; a write that commands starts the heartbeat of this bench."""
-        if self.only_read and drives(name, raw):
+    def write(self, name: str, raw: int | bytes) -> None:
+        """Write an object over SDO; a write that commands starts the heartbeat of this bench."""
+        if self.only_read and not isinstance(raw, bytes) and drives(name, raw):
             self.drive()
         device = self._owner(name)
         device.write(device.od[name], raw)
-
-    def read_table(self, name: str) -> bytes:
-        """Read a DOMAIN object over SDO."""
-        return bytes(self._stimulator.read(self._stimulator.od[name]))
-
-    def write_table(self, name: str, data: bytes) -> None:
-        """Write a DOMAIN object over SDO, by block transfer."""
-        self._stimulator.write_block(self._stimulator.od[name], data)
 
     def snapshot(self) -> Snapshot:
         """Return the last values of the public TPDOs; in real time wait for the first of each."""
@@ -405,7 +393,7 @@ class CanLink:
 
     def _at_rest(self) -> bool:
         try:
-            return self.read("Mode") == Mode.OFF
+            return bool(self.read("Mode") == Mode.OFF)
         except BenchError:
             return False
 

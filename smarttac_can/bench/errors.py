@@ -77,14 +77,16 @@ def in_shell_words(text: object) -> str:
     return message
 
 
-def write_action(entry: Entry, raw: float) -> str:
-    """Return the text for writing a raw value to an object."""
-    return f"write {entry.shown(raw)} to {entry.name}"
+def write_action(entry: Entry, raw: float | bytes) -> str:
+    """Return the text for writing a raw value, or bytes, to an object."""
+    return f"write {'' if isinstance(raw, bytes) else f'{entry.shown(raw)} to '}{entry.name}"
 
 
-def refused_write(entry: Entry, raw: float, reason: Abort) -> RefusedError:
-    """Return the error of a device that has refused a raw value, with the reason."""
+def refused_write(entry: Entry, raw: float | bytes, reason: Abort) -> RefusedError:
+    """Return the error of a device that has refused a raw value, or bytes, with the reason."""
     text = f"cannot {write_action(entry, raw)}: {reason}"
+    if isinstance(raw, bytes):
+        return RefusedError(text, reason.code)
     if not entry.low <= raw <= entry.high:
         text += f": {bounds(entry)}"
     elif entry.name == FAULT_KIND and reason.code == AbortCode.VALUE:

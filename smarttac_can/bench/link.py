@@ -9,7 +9,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from math import isnan, nan
 from pathlib import Path
-from typing import Final, NamedTuple, NoReturn, Protocol, Self
+from typing import Any, Final, NamedTuple, NoReturn, Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -154,20 +154,11 @@ class Link(Protocol):
             If another bench is the commander.
         """
 
-    def read(self, name: str) -> int:
-        """Read the raw value of an object of the stimulator, or of the simulation."""
+    def read(self, name: str) -> Any:
+        """Read an object of the stimulator or the simulation: raw value, text, or bytes."""
 
-    def text(self, name: str) -> str:
-        """Read a string object of the stimulator."""
-
-    def write(self, name: str, raw: int) -> None:
-        """Write a raw value to an object of the stimulator, or of the simulation."""
-
-    def read_table(self, name: str) -> bytes:
-        """Read a DOMAIN object of the stimulator."""
-
-    def write_table(self, name: str, data: bytes) -> None:
-        """Write a DOMAIN object of the stimulator; this may take a while."""
+    def write(self, name: str, raw: int | bytes) -> None:
+        """Write an object of the stimulator or the simulation; a DOMAIN may take a while."""
 
     def snapshot(self) -> Snapshot:
         """Return the newest values that the stimulator has published."""

@@ -184,7 +184,7 @@ class NamedObjects:
     @property
     def message(self) -> str:
         """Reason why the stimulator turned itself off; empty if it did not."""
-        return self._link.text("Message")
+        return str(self._link.read("Message"))
 
     def get(self, name: str, unit: str = "") -> float:
         """Read an object of the stimulator or the simulation by name.

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Mapping
-from io import TextIOWrapper
-from math import cos, isfinite, radians, sin
+from math import cos, radians, sin
 from numbers import Integral
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from smarttac_can.bench.named_objects import in_unit, with_unit
-from smarttac_can.host.files import in_words, open_regular
+from smarttac_can.host.files import in_words, read_numbers
 from smarttac_can.master.errors import BenchError, RefusedError
 from smarttac_can.od.cia import AbortCode
 from smarttac_can.vocabulary.meanings import LIFTED, RECORDED, STROKE
 
-if TYPE_CHECKING:
-    import _csv
 STANDARD_GRAVITY: Final = 9.80665
 """Standard gravity in m/s^2."""
 _RANGES: Final = {
@@ -31,7 +27,6 @@ _RANGES: Final = {
 }
 _SPEED: Final = 50.0
 _MOST_ROWS: Final = 100
-_LONGEST_LINE: Final = 200
 
 
 class SimulatedFinger:
@@ -305,38 +300,7 @@ def read_plan(path: Path | str) -> list[Placing]:
         If the file cannot be read.
     """
     path = Path(path)
-    with TextIOWrapper(open_regular(path), encoding="utf-8", newline="") as file:
-        reader = csv.reader(iter(lambda: file.readline(_LONGEST_LINE), ""))
-        try:
-            plan = _placings(reader, path)
-        except csv.Error as error:
-            raise ValueError(f"{path}: line {reader.line_num}: {error}") from error
+    plan = [Placing(*row) for _, row in read_numbers(path, _RANGES, most_rows=_MOST_ROWS)]
     if not plan:
         raise ValueError(f"{path}: no weighing")
     return plan
-
-
-def _placings(reader: _csv.Reader, path: Path) -> list[Placing]:
-    if [name.strip() for name in next(reader, [])] != list(_RANGES):
-        raise ValueError(f"{path}: line 1 is not {','.join(_RANGES)}")
-    plan = []
-    for row in reader:
-        plan.append(_placing(row, f"{path}: line {reader.line_num}"))
-        if len(plan) > _MOST_ROWS:
-            raise ValueError(f"{path}: more than {_MOST_ROWS} weighings")
-    return plan
-
-
-def _placing(row: list[str], where: str) -> Placing:
-    if len(row) != len(_RANGES):
-        raise ValueError(f"{where} has {len(row)} of {len(_RANGES)} fields")
-    numbers = []
-    for (name, (low, high)), text in zip(_RANGES.items(), row, strict=True):
-        try:
-            number = float(text)
-        except ValueError:
-            raise ValueError(f"{where}: {name} {text.strip()!r} is not a number") from None
-        if not (isfinite(number) and low <= number <= high):
-            raise ValueError(f"{where}: {name} {text.strip()} is outside {low:g}..{high:g}")
-        numbers.append(number)
-    return Placing(*numbers)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from enum import Enum, auto
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from smarttac_can.bench.named_objects import shown, shown_unit
+from smarttac_can.bench.textures import Texture
 from smarttac_can.bench.traces import Integers
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.frame_log import FRAME, MARK, MARK_END, RECORD, Records
@@ -19,7 +20,7 @@ from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
 from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.meanings import START_RUN
-from smarttac_can.vocabulary.textures import TABLE_NAMES
+from smarttac_can.vocabulary.textures import TABLE_NAMES, TextureTable
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 
 _MOST_WAITING: Final = 1 << 18
@@ -39,13 +40,71 @@ _MOST_MARKER_BYTES: Final = 4000
 """Bytes of a text of 1000 characters; a damaged log may hold a longer one."""
 
 
-class Dated(NamedTuple):
-    """An event, with run and tick of the row before it."""
+class Marker(NamedTuple):
+    """A text of `Stimulator.mark`."""
 
-    event: Event
+    host_time_ns: int
+    """Time in ns since 1970."""
     run: int
     tick: int
-    """-1 before the first row."""
+    """Tick of the last row before the marker; -1 before the first row."""
+    text: str
+
+
+class SetPoint(NamedTuple):
+    """A value that a node has accepted from any writer."""
+
+    host_time_ns: int
+    run: int
+    tick: int
+    node_id: int
+    name: str
+    """Name of the object."""
+    value: float
+    units: str
+
+
+class Emergency(NamedTuple):
+    """An emergency message."""
+
+    host_time_ns: int
+    run: int
+    tick: int
+    node_id: int
+    code: int
+    text: str
+
+
+class RecordedTexture(NamedTuple):
+    """A texture that was in a slot as the recording began, or was written to it."""
+
+    host_time_ns: int
+    run: int
+    tick: int
+    slot: int
+    """Slot, 1 to 4."""
+    before: bool
+    """Whether it was in the slot when the recording began."""
+    complete: bool
+    """Whether all of it was received; `texture` is None if not."""
+    texture: Texture | None
+    """None if the slot was emptied."""
+
+
+Event = Marker | SetPoint | Emergency | RecordedTexture
+_When = tuple[int, int, int]
+"""The first three fields of an event."""
+
+
+class Missing(NamedTuple):
+    """Ticks of a run that are in no row."""
+
+    run: int
+    first_tick: int
+    last_tick: int
+    ticks: int
+    host_time_ns: int
+    """Time when the row after them was received."""
 
 
 class RecordedFrames:
@@ -63,7 +122,7 @@ class RecordedFrames:
     tpdos
         TPDOs that the stimulator published.
     events
-        Events decoded so far, in order, without restarts.
+        Events decoded so far, in order.
 
     Raises
     ------
@@ -82,10 +141,10 @@ class RecordedFrames:
         self._events = EventReader(self.ods, node_id, self.tpdos, commanded, known)
         self._rest = np.empty(0, RECORD)
         self._last = (0, -1)
-        self.events: list[Dated] = []
+        self.events: list[Event] = []
 
     @property
-    def gaps(self) -> list[Gap]:
+    def gaps(self) -> list[Missing]:
         """Ticks missing between the rows so far."""
         return self._rows.gaps
 
@@ -115,103 +174,15 @@ class RecordedFrames:
         if last or len(records) - used > _MOST_WAITING:
             used = len(records)
         records, self._rest = records[:used], records[used:]
-        events = self._events.take(records)
-        restarts = np.array([e.at for e in events if e.kind is Kind.RESTART], np.intp)
-        rows = self._rows.take(records, restarts, last)
-        self._date([event for event in events if event.kind is not Kind.RESTART], rows)
-        return rows
-
-    def _date(self, events: list[Event], rows: Rows) -> None:
-        for event in events:
-            before = int(np.searchsorted(rows.at, event.at)) - 1
+        events, restarts = self._events.take(records)
+        rows = self._rows.take(records, np.array(restarts, np.intp), last)
+        for at, event in events:
+            before = int(np.searchsorted(rows.at, at)) - 1
             run, tick = self._last if before < 0 else (rows.run[before], rows.tick[before])
-            self.events.append(Dated(event, int(run), int(tick)))
+            self.events.append(event._replace(run=int(run), tick=int(tick)))
         if len(rows.tick):
             self._last = int(rows.run[-1]), int(rows.tick[-1])
-
-
-class Counted(NamedTuple):
-    """Ticks of rows, as arrays of equal length."""
-
-    run: Integers
-    """Number of the run of ticks, from 0."""
-    tick: Integers
-    """Tick in ms; increases within a run."""
-    origin: Integers
-    """Tick with which the run began."""
-    follows: Flags
-    """Whether no tick is missing before the row."""
-    new: Flags
-    """Whether the tick differs from that of the row before."""
-
-
-class TickCount:
-    """Counts the ticks of rows that arrive piece by piece.
-
-    Parameters
-    ----------
-    clocked
-        Whether ticks follow the clock.
-    """
-
-    def __init__(self, clocked: bool) -> None:
-        self._clocked = clocked
-        # Last row: tick on the bus, time in ns, run, tick, and the first tick of the run.
-        self._last = (0, 0, -1, -1, -1)
-
-    def count(self, wire: Integers, time_ns: Integers, restarted: Flags) -> Counted:
-        """Count the ticks of the next rows.
-
-        Parameters
-        ----------
-        wire
-            Ticks of the rows, modulo 2^16.
-        time_ns
-            Times in ns when they were received.
-        restarted
-            Whether a node, or the simulation, has reported a restart before each row.
-        """
-        delta, anew = self._steps(wire, time_ns, restarted)
-        steps = np.cumsum(np.where(anew, 0, delta))
-        begun = np.maximum.accumulate(np.where(anew, np.arange(len(anew)), -1))
-        # Until the first restart the run of the last piece goes on.
-        _, _, run, tick, origin = self._last
-        ticks = np.where(begun < 0, tick + steps, wire[begun] + steps - steps[begun])
-        counted = Counted(
-            run=run + np.cumsum(anew),
-            tick=ticks,
-            origin=np.where(begun < 0, origin, wire[begun]),
-            follows=anew | (delta <= 1),
-            new=anew | (delta > 0),
-        )
-        if len(wire):
-            last = (wire, time_ns, counted.run, counted.tick, counted.origin)
-            self._last = tuple(int(column[-1]) for column in last)  # type: ignore[assignment]
-        return counted
-
-    def _steps(self, wire: Integers, time_ns: Integers, restarted: Flags) -> tuple[Integers, Flags]:
-        """Return the ticks from each row's predecessor to it, and whether a run begins with it."""
-        delta = np.diff(wire, prepend=self._last[0]) % _WRAP
-        elapsed = np.diff(time_ns, prepend=self._last[1]) // 1_000_000
-        back = delta > _WRAP // 2
-        if self._clocked:
-            rounds = np.rint((elapsed - delta) / _WRAP).astype(np.int64)
-            delta += _WRAP * np.where(elapsed > _AMBIGUOUS_MS, rounds.clip(0), 0)
-            back &= delta - elapsed > _AHEAD_MS
-        anew = back | restarted & ((delta == 0) | (delta > _FEW))
-        if len(anew) and self._last[2] < 0:
-            anew[0] = True
-        return delta, anew
-
-
-class Gap(NamedTuple):
-    """Ticks of a run that were not recorded."""
-
-    run: int
-    first: int
-    last: int
-    time_ns: int
-    """Time when the row after the gap was received."""
+        return rows
 
 
 class Rows(NamedTuple):
@@ -224,8 +195,36 @@ class Rows(NamedTuple):
     """Number of the run of ticks, from 0; a restart of node or simulation begins another."""
     tick: Integers
     """Tick in ms; increases within a run."""
+    origin: Integers
+    """Tick with which the run began."""
+    follows: Flags
+    """Whether no tick is missing before the row."""
     values: dict[str, Integers]
     """Raw values by name of the object."""
+
+    def chosen(self, which: Flags | slice) -> Rows:
+        """Return the rows selected by `which`."""
+        return Rows(
+            self.at[which],
+            self.time_ns[which],
+            self.run[which],
+            self.tick[which],
+            self.origin[which],
+            self.follows[which],
+            {name: column[which] for name, column in self.values.items()},
+        )
+
+    def joined(self, others: Rows) -> Rows:
+        """Return these rows, from earlier records, followed by `others`."""
+        return Rows(
+            np.append(np.full(len(self.at), -1, np.intp), others.at),
+            np.append(self.time_ns, others.time_ns),
+            np.append(self.run, others.run),
+            np.append(self.tick, others.tick),
+            np.append(self.origin, others.origin),
+            np.append(self.follows, others.follows),
+            {name: np.append(column, others.values[name]) for name, column in self.values.items()},
+        )
 
 
 class RecordedPdo:
@@ -291,12 +290,14 @@ class RowReader:
         if not any(entry.name == TICK for pdo in self._cycle for entry in pdo.entries):
             raise ValueError(f"no TPDO that comes in every cycle carries {TICK}")
         self._held = {e.name: int(held[e.name]) for pdo in self._seldom for e in pdo.entries}
-        self._ticks = TickCount(clocked)
+        self._clocked = clocked
+        self._last = (0, 0, -1, -1, -1)
+        """Last row: tick on the bus, time in ns, run, tick, and the first tick of the run."""
         self._restarted = False
-        self._waiting: _Candidates | None = None
+        self._waiting: Rows | None = None
         self._given = (-1, -1)
         """Run and tick of the last returned row."""
-        self.gaps: list[Gap] = []
+        self.gaps: list[Missing] = []
 
     def ends(self, records: Records) -> Places:
         """Return the index of the last frame of each cycle."""
@@ -318,32 +319,67 @@ class RowReader:
         for pdo in self._seldom:
             values |= self._last_known(pdo, records, at)
         time_ns = records["time_ns"][at].astype(np.int64)
-        counted = self._ticks.count(values.pop(TICK), time_ns, self._since_restart(restarts, at))
-        # When a cycle is late, the event timers of the TPDOs send the values of the last one again.
-        rows = Rows(at, time_ns, counted.run, counted.tick, values)
-        found = _Candidates(rows, counted.follows, counted.origin).chosen(counted.new)
-        return self._sure(found, last)
+        return self._sure(self._counted(at, time_ns, values, restarts), last)
 
-    def _sure(self, found: _Candidates, last: bool) -> Rows:
+    def _counted(
+        self, at: Places, time_ns: Integers, values: dict[str, Integers], restarts: Places
+    ) -> Rows:
+        """Return the rows with their ticks, which have 16 bits on the bus."""
+        wire = values.pop(TICK)
+        delta, anew = self._steps(wire, time_ns, self._since_restart(restarts, at))
+        steps = np.cumsum(np.where(anew, 0, delta))
+        begun = np.maximum.accumulate(np.where(anew, np.arange(len(anew)), -1))
+        # Until the first restart the run of the last piece goes on.
+        _, _, run, tick, origin = self._last
+        rows = Rows(
+            at,
+            time_ns,
+            run=run + np.cumsum(anew),
+            tick=np.where(begun < 0, tick + steps, wire[begun] + steps - steps[begun]),
+            origin=np.where(begun < 0, origin, wire[begun]),
+            follows=anew | (delta <= 1),
+            values=values,
+        )
+        if len(wire):
+            last = (wire, time_ns, rows.run, rows.tick, rows.origin)
+            self._last = tuple(int(column[-1]) for column in last)  # type: ignore[assignment]
+        # When a cycle is late, the event timers of the TPDOs send the values of the last one again.
+        return rows.chosen(anew | (delta > 0))
+
+    def _steps(self, wire: Integers, time_ns: Integers, restarted: Flags) -> tuple[Integers, Flags]:
+        """Return the ticks from each row's predecessor to it, and whether a run begins with it."""
+        delta = np.diff(wire, prepend=self._last[0]) % _WRAP
+        elapsed = np.diff(time_ns, prepend=self._last[1]) // 1_000_000
+        back = delta > _WRAP // 2
+        if self._clocked:
+            rounds = np.rint((elapsed - delta) / _WRAP).astype(np.int64)
+            delta += _WRAP * np.where(elapsed > _AMBIGUOUS_MS, rounds.clip(0), 0)
+            back &= delta - elapsed > _AHEAD_MS
+        anew = back | restarted & ((delta == 0) | (delta > _FEW))
+        if len(anew) and self._last[2] < 0:
+            anew[0] = True
+        return delta, anew
+
+    def _sure(self, rows: Rows, last: bool) -> Rows:
         """Drop the rows on both sides of a loss, and record the gap.
 
         A loss may begin in one cycle and end in another; what is left of both looks like one cycle.
         """
         if self._waiting is not None:
-            found = self._waiting.joined(found)
-        sure = found.follows.copy()
-        sure[:-1] &= found.follows[1:]
+            rows = self._waiting.joined(rows)
+        sure = rows.follows.copy()
+        sure[:-1] &= rows.follows[1:]
         self._waiting = None
         if len(sure) and not last:
-            self._waiting = found.chosen(np.s_[-1:])
+            self._waiting = rows.chosen(np.s_[-1:])
             sure[-1] = False
-        found = found.chosen(sure)
-        rows = found.rows
+        rows = rows.chosen(sure)
         run, tick = np.append(self._given[0], rows.run), np.append(self._given[1], rows.tick)
-        before = np.where(run[1:] == run[:-1], tick[:-1], found.origin - 1)
+        before = np.where(run[1:] == run[:-1], tick[:-1], rows.origin - 1)
         for i in np.flatnonzero(rows.tick - before > 1).tolist():
-            gap = (rows.run[i], before[i] + 1, rows.tick[i] - 1, rows.time_ns[i])
-            self.gaps.append(Gap(*map(int, gap)))
+            first, end = int(before[i]) + 1, int(rows.tick[i])
+            row = (int(rows.run[i]), first, end - 1, end - first, int(rows.time_ns[i]))
+            self.gaps.append(Missing(*row))
         self._given = int(run[-1]), int(tick[-1])
         return rows
 
@@ -390,64 +426,6 @@ class RowReader:
         return since
 
 
-class _Candidates(NamedTuple):
-    """Rows, some of which may mix frames of two cycles."""
-
-    rows: Rows
-    follows: Flags
-    """Whether no tick is missing before the row."""
-    origin: Integers
-    """First tick of the run of the row."""
-
-    def chosen(self, which: Flags | slice) -> _Candidates:
-        """Return the rows selected by `which`."""
-        at, time_ns, run, tick, values = self.rows
-        some = {name: column[which] for name, column in values.items()}
-        rows = Rows(at[which], time_ns[which], run[which], tick[which], some)
-        return _Candidates(rows, self.follows[which], self.origin[which])
-
-    def joined(self, others: _Candidates) -> _Candidates:
-        """Return these rows, from earlier records, followed by `others`."""
-        mine, other = self.rows, others.rows
-        values = {n: np.append(column, other.values[n]) for n, column in mine.values.items()}
-        gone = np.full(len(mine.at), -1, other.at.dtype)
-        rows = Rows(
-            np.append(gone, other.at),
-            np.append(mine.time_ns, other.time_ns),
-            np.append(mine.run, other.run),
-            np.append(mine.tick, other.tick),
-            values,
-        )
-        follows = np.append(self.follows, others.follows)
-        return _Candidates(rows, follows, np.append(self.origin, others.origin))
-
-
-class Kind(Enum):
-    """Kinds of events."""
-
-    MARKER = auto()
-    SET_POINT = auto()
-    TEXTURE = auto()
-    EMERGENCY = auto()
-    RESTART = auto()
-
-
-class Event(NamedTuple):
-    """An event of a recording."""
-
-    kind: Kind
-    at: int
-    """Index among the records."""
-    time_ns: int
-    text: str = ""
-    """Text of a marker or an emergency; name of the object whose value changed."""
-    node_id: int = 0
-    raw: int = 0
-    """Raw value of the object, emergency error code, or slot of a texture."""
-    table: bytes = b""
-    """Texture as written; empty if the slot was emptied."""
-
-
 class EventReader:
     """Decodes records that arrive piece by piece to events.
 
@@ -481,65 +459,84 @@ class EventReader:
         self._downloads = {number: Downloads(number) for number in ods}
         self._text = b""
 
-    def take(self, records: Records) -> list[Event]:
-        """Return the events of the next records, in order."""
+    def take(self, records: Records) -> tuple[list[tuple[int, Event]], list[int]]:
+        """Decode the next records.
+
+        Returns
+        -------
+        tuple
+            Events in order, each with the index of its record, and the indices of the records in
+            which a node or the simulation reported a restart. The events have no run and tick yet.
+        """
         kinds = records["kind"]
         others = ~np.isin(records["can_id"], self._tpdos) | (kinds != FRAME)
-        events: list[Event] = []
+        events: list[tuple[int, Event]] = []
+        restarts: list[int] = []
         for at in np.flatnonzero(others).tolist():
             record = records[at]
-            time_ns, data = int(record["time_ns"]), bytes(record["data"][: record["length"]])
+            when, data = (int(record["time_ns"]), 0, -1), bytes(record["data"][: record["length"]])
             if kinds[at] == MARK:
                 self._text += data if len(self._text) < _MOST_MARKER_BYTES else b""
             elif kinds[at] == MARK_END:
                 text, self._text = (self._text + data).decode(errors="replace"), b""
-                events.append(Event(Kind.MARKER, at, time_ns, text))
+                events.append((at, Marker(*when, text)))
             elif record["can_id"] in self._commanded:
-                events += self._commands(at, record)
+                events += ((at, event) for event in self._commands(when, record))
             else:
                 frame = Frame(int(record["can_id"]), data)
                 for node_id, od in self._ods.items():
-                    events += self._read(at, time_ns, frame, node_id, od)
-        return events
+                    found = list(self._read(when, frame, node_id, od))
+                    restarts += [at] * found.count(None)
+                    events += ((at, event) for event in found if event is not None)
+        return events, restarts
 
-    def _commands(self, at: int, record: np.void) -> Iterable[Event]:
+    def _commands(self, when: _When, record: np.void) -> Iterable[Event]:
         pdo = self._commanded[int(record["can_id"])]
         rows = np.array([record])
         if pdo.found(rows)[0]:
-            for name, values in pdo.values(rows).items():
+            for entry, values in zip(pdo.entries, pdo.values(rows).values(), strict=True):
                 raw = int(values[0])
-                if self._known.get(name) != raw:
-                    self._known[name] = raw
-                    time_ns = int(record["time_ns"])
-                    yield Event(Kind.SET_POINT, at, time_ns, name, self._node_id, raw)
+                if self._known.get(entry.name) != raw:
+                    yield self._set_point(when, self._node_id, entry, raw)
+
+    def _set_point(self, when: _When, node_id: int, entry: Entry, raw: int) -> SetPoint:
+        self._known[entry.name] = raw
+        return SetPoint(*when, node_id, entry.name, shown(entry, raw), shown_unit(entry) or "1")
 
     def _read(
-        self, at: int, time_ns: int, frame: Frame, node_id: int, od: ObjectDictionary
-    ) -> Iterable[Event]:
-        """Yield the events of a frame from or to a node that is not a PDO."""
+        self, when: _When, frame: Frame, node_id: int, od: ObjectDictionary
+    ) -> Iterable[Event | None]:
+        """Yield the events of a frame from or to a node that is not a PDO; None for a restart."""
         if frame == (HEARTBEAT_ID + node_id, BOOT_UP, False):
-            yield Event(Kind.RESTART, at, time_ns, node_id=node_id)
+            yield None
         elif frame.can_id == EMCY_ID + node_id and len(frame.data) == _EMCY_BYTES:
             code = int.from_bytes(frame.data[:2], "little")
-            yield Event(Kind.EMERGENCY, at, time_ns, _emergency(code, frame.data), node_id, code)
+            yield Emergency(*when, node_id, code, _emergency(code, frame.data))
         elif taken := self._downloads[node_id].hear(frame):
             entry = od.get(*taken.address)
             if entry is not None:
-                yield from self._taken(at, time_ns, node_id, entry, taken)
+                yield from self._taken(when, node_id, entry, taken)
 
     def _taken(
-        self, at: int, time_ns: int, node_id: int, entry: Entry, taken: Written
-    ) -> Iterable[Event]:
+        self, when: _When, node_id: int, entry: Entry, taken: Written
+    ) -> Iterable[Event | None]:
         if entry.name in TABLE_NAMES:
             slot = TABLE_NAMES.index(entry.name) + 1
-            yield Event(Kind.TEXTURE, at, time_ns, entry.name, node_id, slot, taken.data)
+            yield RecordedTexture(*when, slot, False, *texture_in(taken.data))
         elif entry.size == len(taken.data):
             raw = unpack(entry.data_type, taken.data)
             if isinstance(raw, int) and entry.index >= MANUFACTURER_FIRST:
-                self._known[entry.name] = raw
-                yield Event(Kind.SET_POINT, at, time_ns, entry.name, node_id, raw)
+                yield self._set_point(when, node_id, entry, raw)
             if entry.name == START_RUN:
-                yield Event(Kind.RESTART, at, time_ns, node_id=node_id)
+                yield None
+
+
+def texture_in(table: bytes) -> tuple[bool, Texture | None]:
+    """Return whether all of a table was received, and its texture; None if it is empty."""
+    try:
+        return True, Texture(TextureTable.unpack(table)) if table else None
+    except ValueError:
+        return False, None
 
 
 def _emergency(code: int, data: bytes) -> str:

@@ -240,7 +240,7 @@ class Recording:
     def _identity(self) -> dict[str, Any]:
         numbers = [e for e in self._od.objects[IDENTITY].entries.values() if e.subindex]
         identity: dict[str, Any] = {e.name: self._link.read(e.name) for e in numbers}
-        return identity | {name: self._link.text(name) for name in _NAMES}
+        return identity | {name: self._link.read(name) for name in _NAMES}
 
     def _settings(self) -> dict[str, int]:
         """Read all settable values that the device has: calibration, limits, set-points."""
@@ -259,7 +259,7 @@ class Recording:
         for slot, name in enumerate(TABLE_NAMES, 1):
             if self._od.find(name) is not None:
                 with suppress(RefusedError):
-                    if table := self._link.read_table(name):
+                    if table := self._link.read(name):
                         tables[slot] = table.hex()
         return tables
 

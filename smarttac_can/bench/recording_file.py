@@ -10,7 +10,7 @@ read as if it were of format 2.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from decimal import Decimal
@@ -18,13 +18,22 @@ from functools import cached_property
 from importlib.util import find_spec
 from io import FileIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar, get_type_hints
 
 import numpy as np
 import numpy.typing as npt
 
 from smarttac_can.bench.named_objects import SHOWN_UNITS, shown, shown_unit
-from smarttac_can.bench.recorded_frames import Dated, Event, Kind, RecordedFrames, Rows
+from smarttac_can.bench.recorded_frames import (
+    Emergency,
+    Marker,
+    Missing,
+    RecordedFrames,
+    RecordedTexture,
+    Rows,
+    SetPoint,
+    texture_in,
+)
 from smarttac_can.bench.textures import Texture
 from smarttac_can.bench.traces import COLUMNS, Floats, Integers, data_frame
 from smarttac_can.host.files import in_words, open_regular
@@ -241,20 +250,24 @@ def _write(
     columns.append(frames.take(_NONE, last=True))
     columns.describe()
     _describe(file, reader.head, frames.ods)
-    gaps = [(g.run, g.first, g.last, g.last - g.first + 1, g.time_ns) for g in frames.gaps]
-    _table(file, "gaps", "run:i8 first_tick:i8 last_tick:i8 ticks:i8 host_time_ns:i8", gaps)
-    by_kind = {kind: [e for e in frames.events if e.event.kind is kind] for kind in Kind}
-    _write_events(file, frames.ods, by_kind)
-    _write_textures(file, reader.head, by_kind[Kind.TEXTURE])
+    _table(file, "gaps", Missing, frames.gaps)
+    found: dict[type[Any], list[Any]] = {
+        kind: [event for event in frames.events if isinstance(event, kind)]
+        for kind in (Marker, SetPoint, Emergency, RecordedTexture)
+    }
+    _table(file, "markers", Marker, found[Marker])
+    _table(file, "set_points", SetPoint, found[SetPoint])
+    _table(file, "emergencies", Emergency, found[Emergency])
+    _write_textures(file, [*_textures_before(reader.head), *found[RecordedTexture]])
     return Summary(
         rows=columns.rows,
-        lost=sum(gap[3] for gap in gaps),
-        gaps=len(gaps),
+        lost=sum(gap.ticks for gap in frames.gaps),
+        gaps=len(frames.gaps),
         runs=columns.runs,
-        markers=len(by_kind[Kind.MARKER]),
-        set_points=len(by_kind[Kind.SET_POINT]),
-        textures=len(by_kind[Kind.TEXTURE]),
-        emergencies=len(by_kind[Kind.EMERGENCY]),
+        markers=len(found[Marker]),
+        set_points=len(found[SetPoint]),
+        textures=len(found[RecordedTexture]),
+        emergencies=len(found[Emergency]),
         damaged=reader.damaged,
     )
 
@@ -300,56 +313,29 @@ class _Columns:
                 dataset.attrs["meaning"] = _MEANINGS[name]
 
 
-def _write_events(
-    file: h5py.File, ods: Mapping[int, ObjectDictionary], events: Mapping[Kind, list[Dated]]
-) -> None:
-    when = "host_time_ns:i8 run:i8 tick:i8"
-    markers = [(*_when(e), e.event.text) for e in events[Kind.MARKER]]
-    _table(file, "markers", f"{when} text:s", markers)
-    changes = []
-    for dated in events[Kind.SET_POINT]:
-        entry = ods[dated.event.node_id][dated.event.text]
-        value = shown(entry, dated.event.raw)
-        row = (dated.event.node_id, entry.name, value, shown_unit(entry) or "1")
-        changes.append((*_when(dated), *row))
-    _table(file, "set_points", f"{when} node_id:i8 name:s value:f8 units:s", changes)
-    emergencies = [
-        (*_when(e), e.event.node_id, e.event.raw, e.event.text) for e in events[Kind.EMERGENCY]
-    ]
-    _table(file, "emergencies", f"{when} node_id:i8 code:i8 text:s", emergencies)
-
-
-def _write_textures(file: h5py.File, head: Mapping[str, Any], written: list[Dated]) -> None:
-    """Write a dataset for each texture that was in a slot at first, or was written to one."""
-    group = file.create_group("textures", track_order=True)
-    group.attrs["description"] = "COF of tables of textures; before is 1 of those there before"
+def _textures_before(head: Mapping[str, Any]) -> Iterator[RecordedTexture]:
+    """Yield the textures that were in a slot at first."""
     began = int(datetime.fromisoformat(head["created"]).timestamp()) * _NS
     # Logs of version 0.1.0 and before do not have them.
-    before = [
-        (Dated(Event(Kind.TEXTURE, 0, began, raw=int(slot), table=bytes.fromhex(table)), 0, -1), 1)
-        for slot, table in head.get("textures", {}).items()
-    ]
-    for number, (dated, was_before) in enumerate([*before, *((dated, 0) for dated in written)]):
-        try:
-            table = TextureTable.unpack(dated.event.table) if dated.event.table else None
-        except ValueError:
-            # Some of its frames were not received.
-            table = None
+    for slot, table in head.get("textures", {}).items():
+        yield RecordedTexture(began, 0, -1, int(slot), True, *texture_in(bytes.fromhex(table)))
+
+
+def _write_textures(file: h5py.File, textures: Iterable[RecordedTexture]) -> None:
+    group = file.create_group("textures", track_order=True)
+    group.attrs["description"] = "COF of tables of textures; before is 1 of those there before"
+    for number, recorded in enumerate(textures):
+        table = None if recorded.texture is None else recorded.texture.table
         values = np.array(() if table is None else table.values) * COF_COUNT
-        dataset = group.create_dataset(str(number), data=values)
-        attrs = dataset.attrs
-        attrs["units"], attrs["slot"], attrs["before"] = "1", dated.event.raw, was_before
-        attrs["host_time_ns"], attrs["run"], attrs["tick"] = _when(dated)
-        attrs["complete"] = int(table is not None or not dated.event.table)
+        attrs = group.create_dataset(str(number), data=values).attrs
+        attrs["units"], attrs["slot"], attrs["before"] = "1", recorded.slot, int(recorded.before)
+        attrs["host_time_ns"], attrs["run"], attrs["tick"] = recorded[:3]
+        attrs["complete"] = int(recorded.complete)
         if table is not None:
             unit, count = _PLACE_UNITS[table.axis]
             attrs["axis"], attrs["axis_units"] = table.axis.name.lower(), unit
             attrs["start"], attrs["step"] = table.start * count, table.step * count
             attrs["repeats"] = int(table.repeats)
-
-
-def _when(dated: Dated) -> tuple[int, int, int]:
-    return dated.event.time_ns, dated.run, dated.tick
 
 
 def _describe(
@@ -366,10 +352,10 @@ def _describe(
     for name, value in head["identity"].items():
         file.attrs[name] = _storable(value)
     settings = [
-        (name, shown(own[name], raw), shown_unit(own[name]) or "1")
+        _Setting(name, shown(own[name], raw), shown_unit(own[name]) or "1")
         for name, raw in head["settings"].items()
     ]
-    _table(file, "settings", "name:s value:f8 units:s", settings)
+    _table(file, "settings", _Setting, settings)
     file["settings"].attrs["description"] = "as the recording began; calibration among them"
     group = file.create_group("object_dictionaries")
     for node_id, od in ods.items():
@@ -402,13 +388,21 @@ def _append(dataset: h5py.Dataset, values: Any) -> None:
     dataset[before:] = values
 
 
-def _table(file: h5py.File, name: str, columns: str, rows: Iterable[tuple[Any, ...]]) -> None:
-    """Write a table with a column for each ``name:type``; s is text."""
+class _Setting(NamedTuple):
+    name: str
+    value: float
+    units: str
+
+
+_Row = TypeVar("_Row", bound=NamedTuple)
+
+
+def _table(file: h5py.File, name: str, kind: type[_Row], rows: Sequence[_Row]) -> None:
+    """Write a table with a column for each field of its rows."""
     import h5py  # noqa: PLC0415 - an extra, and slow
 
-    fields = [column.split(":") for column in columns.split()]
-    text = h5py.string_dtype()
-    dtype = np.dtype([(field, text if kind == "s" else kind) for field, kind in fields])
+    types = {int: "i8", float: "f8", str: h5py.string_dtype()}
+    dtype = np.dtype([(field, types[hint]) for field, hint in get_type_hints(kind).items()])
     values = [tuple(map(_storable, row)) for row in rows]
     file.create_dataset(name, data=np.array(values, dtype))
 
@@ -428,68 +422,6 @@ _MEANINGS: Final = {
     _MODE: ", ".join(f"{m.value} {m.name}" for m in Mode),
 }
 """Channels with codes instead of quantities, and what the codes mean."""
-
-
-class Marker(NamedTuple):
-    """A text of `Stimulator.mark`."""
-
-    host_time_ns: int
-    """Time in ns since 1970."""
-    run: int
-    tick: int
-    """Tick of the last row before the marker; -1 before the first row."""
-    text: str
-
-
-class SetPoint(NamedTuple):
-    """A value that a node has accepted from any writer."""
-
-    host_time_ns: int
-    run: int
-    tick: int
-    node_id: int
-    name: str
-    """Name of the object."""
-    value: float
-    units: str
-
-
-class Emergency(NamedTuple):
-    """An emergency message."""
-
-    host_time_ns: int
-    run: int
-    tick: int
-    node_id: int
-    code: int
-    text: str
-
-
-class Missing(NamedTuple):
-    """Ticks of a run that are in no row."""
-
-    run: int
-    first_tick: int
-    last_tick: int
-    ticks: int
-    host_time_ns: int
-    """Time when the row after them was received."""
-
-
-class RecordedTexture(NamedTuple):
-    """A texture that was in a slot as the recording began, or was written to it."""
-
-    host_time_ns: int
-    run: int
-    tick: int
-    slot: int
-    """Slot, 1 to 4."""
-    before: bool
-    """Whether it was in the slot when the recording began."""
-    complete: bool
-    """Whether all of it was received; `texture` is None if not."""
-    texture: Texture | None
-    """None if the slot was emptied."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -618,15 +550,6 @@ def _all_of(data: h5py.Dataset) -> npt.NDArray[Any]:
         raise ValueError(f"{data.name} is too short for {data.size} elements")
     values: npt.NDArray[Any] = data[:]
     return values
-
-
-class _Setting(NamedTuple):
-    name: str
-    value: float
-    units: str
-
-
-_Row = TypeVar("_Row", bound=NamedTuple)
 
 
 def _rows_of(table: h5py.Dataset, kind: type[_Row]) -> list[_Row]:

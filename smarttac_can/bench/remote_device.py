@@ -117,8 +117,11 @@ class RemoteDevice:
         with self._explained(f"read {entry.name}"):
             return unpack(entry.data_type, self._sdo.upload(entry.index, entry.subindex))
 
-    def write(self, entry: Entry, raw: int) -> None:
-        """Write an entry over SDO."""
+    def write(self, entry: Entry, raw: int | bytes) -> None:
+        """Write an entry over SDO, bytes by block transfer."""
+        if isinstance(raw, bytes):
+            self._write_block(entry, raw)
+            return
         try:
             data = pack(entry.data_type, raw)
         except OverflowError as error:
@@ -131,7 +134,7 @@ class RemoteDevice:
             except SdoAbortedError as error:
                 raise refused_write(entry, raw, Abort(error.code)) from error
 
-    def write_block(self, entry: Entry, data: bytes) -> None:
+    def _write_block(self, entry: Entry, data: bytes) -> None:
         """Write a DOMAIN by SDO block transfer; empty data by a segmented transfer."""
         client = canopen.sdo.SdoClient(
             self._sdo.rx_cobid, self._sdo.tx_cobid, canopen.ObjectDictionary()
@@ -142,7 +145,7 @@ class RemoteDevice:
         self._network.subscribe(client.tx_cobid, client.on_response)
         try:
             with (
-                self._explained(f"write {entry.name}"),
+                self._explained(write_action(entry, data)),
                 client.open(
                     entry.index, entry.subindex, "wb", size=len(data), block_transfer=bool(data)
                 ) as stream,

@@ -10,7 +10,7 @@ import struct
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final, Literal, NoReturn, get_args
+from typing import Any, Final, Literal, NoReturn, get_args
 
 from smarttac_can.bench.errors import bounds, refused_write
 from smarttac_can.bench.link import (
@@ -259,6 +259,10 @@ class LocalLink:
         Function block of a stimulator with the plate inside.
     """
 
+    where = "the local link"
+    only_read = False
+    """No other bench can reach a stimulator in this process."""
+
     def __init__(self, block: StimulatorBlock) -> None:
         self._block = block
         self._recorded = [block.od[name].reader for name in RECORDED]
@@ -269,21 +273,11 @@ class LocalLink:
         self._status = b""
         self._latched = 0
 
-    @property
-    def where(self) -> str:
-        """Name of the link, for messages."""
-        return "the local link"
-
-    @property
-    def only_read(self) -> bool:
-        """Always False: no other bench can reach a stimulator in this process."""
-        return False
-
     def drive(self) -> None:
         """Do nothing: this bench is always the commander of a stimulator in this process."""
 
-    def read(self, name: str) -> int:
-        """Read the raw value of an object by name.
+    def read(self, name: str) -> Any:
+        """Read an object by name.
 
         Raises
         ------
@@ -294,14 +288,10 @@ class LocalLink:
         if not entry.readable:
             reason = Abort(AbortCode.WRITE_ONLY)
             raise RefusedError(f"cannot read {name}: {reason}", reason.code)
-        return int(entry.read())
+        return entry.read()
 
-    def text(self, name: str) -> str:
-        """Read a string object."""
-        return str(self._block.od[name].read())
-
-    def write(self, name: str, raw: int) -> None:
-        """Write a raw value to an object by name.
+    def write(self, name: str, raw: int | bytes) -> None:
+        """Write an object by name.
 
         Raises
         ------
@@ -316,26 +306,11 @@ class LocalLink:
         except Abort as error:
             raise refused_write(entry, raw, error) from error
         node_id = self._block.od.node_id
+        if isinstance(raw, bytes):
+            self._to_listeners(downloading(node_id, entry, raw))
+            return
         self._to_listeners((download(node_id, entry, raw), downloaded(node_id, entry)))
         self._to_listeners(self._frames(cycle=False))
-
-    def read_table(self, name: str) -> bytes:
-        """Read a DOMAIN object."""
-        return bytes(self._block.od[name].read())
-
-    def write_table(self, name: str, data: bytes) -> None:
-        """Write a DOMAIN object.
-
-        Raises
-        ------
-        RefusedError
-            If the stimulator refuses the data.
-        """
-        try:
-            self._block.write(name, data)
-        except Abort as error:
-            raise RefusedError(f"cannot write {name}: {error}", error.code) from error
-        self._to_listeners(downloading(self._block.od.node_id, self._block.od[name], data))
 
     def snapshot(self) -> Snapshot:
         """Return the present values of the published objects; their age is 0 s."""

@@ -172,7 +172,7 @@ class Stimulator(NamedObjects):
     @property
     def texture_slot(self) -> int:
         """Slot, 1 to 4, that mode TEXTURE plays and `texture` reads; may be set while running."""
-        return self._link.read("Texture.Slot")
+        return int(self._link.read("Texture.Slot"))
 
     @texture_slot.setter
     def texture_slot(self, slot: int) -> None:
@@ -190,7 +190,7 @@ class Stimulator(NamedObjects):
         is given if the texture is too fast to be followed: above `FOLLOWED_HZ` at the speed last
         passed to `finger.stroke`, or at 50 mm/s.
         """
-        data = self._link.read_table(self._table())
+        data = self._link.read(self._table())
         return Texture(TextureTable.unpack(data)) if data else None
 
     @texture.setter
@@ -205,7 +205,7 @@ class Stimulator(NamedObjects):
             self._warn_if_fast(texture)
         name = self._table()
         with self._texture_explained(name):
-            self._link.write_table(name, data)
+            self._link.write(name, data)
 
     def _warn_if_fast(self, texture: Texture) -> None:
         speed = self.finger.speed

@@ -525,17 +525,17 @@ def read_columns(path: Path, names: Sequence[str]) -> tuple[Integers, list[Float
     rows = csv.reader(islice(StringIO(text, newline=""), comments, None))
     try:
         header = [name.strip() for name in next(rows, [])]
-        missing = [name for name in names if name not in header]
-        if missing:
-            raise ValueError(f"{path}: there is no column {missing[0]!r} among {', '.join(header)}")
+        for name in names:
+            if name not in header:
+                raise ValueError(f"there is no column {name!r} among {', '.join(header)}")
         places = [(name, header.index(name)) for name in names]
         found = [
             (comments + rows.line_num, numbers)
             for row in rows
             if (numbers := _numbers(row, places))
         ]
-    except (csv.Error, _NoNumberError) as error:
-        raise ValueError(f"{path}: line {comments + rows.line_num}: {error}") from error
+    except (csv.Error, ValueError) as error:
+        raise ValueError(f"{path}: line {comments + max(rows.line_num, 1)}: {error}") from error
     if not found:
         raise ValueError(f"{path}: no row has all of {', '.join(names)}")
     lines, values = zip(*found, strict=True)
@@ -544,10 +544,6 @@ def read_columns(path: Path, names: Sequence[str]) -> tuple[Integers, list[Float
 
 def _is_comment(line: str) -> bool:
     return line.startswith("#")
-
-
-class _NoNumberError(ValueError):
-    """A cell of a CSV file is not a number."""
 
 
 def _numbers(row: list[str], places: Sequence[tuple[str, int]]) -> list[float]:
@@ -566,7 +562,7 @@ def _number(name: str, text: str) -> float:
     except ValueError:
         number = nan
     if not isfinite(number):
-        raise _NoNumberError(f"column {name!r}: {text[:_SHOWN]!r} is no finite number")
+        raise ValueError(f"column {name!r}: {text[:_SHOWN]!r} is no finite number")
     return number
 
 

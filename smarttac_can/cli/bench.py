@@ -45,9 +45,8 @@ from smarttac_can.cli.shared import (
     lockstep_option,
     naming,
     one_line,
-    opened_results,
     plain_errors,
-    report_results,
+    reporting,
     result_path,
     stimulator_options,
     timeout_option,
@@ -112,11 +111,10 @@ def status(*, at: StimulatorChoice, timeout: float, json_file: Path | None) -> N
     It only asks: nothing is started, and whoever drives goes on. The exit code is 0 also for a
     stimulator in FAULT.
     """
-    with plain_errors(), ExitStack() as stack:
-        results = opened_results(stack, json_file)
+    with reporting(json_file) as write_results:
         with closing_network(at.bus) as network:
             said = _asked(network, at, timeout)
-        report_results(said, _lines(said), results)
+        write_results(said, _lines(said))
 
 
 @click.command(epilog="\b\nExample:\n  smarttac reset --interface socketcan --channel can0")
@@ -423,8 +421,7 @@ def selftest(*, at: StimulatorChoice, lockstep: bool, json_file: Path | None) ->
     Nothing may rest on the plate: it vibrates with 0.5 um at most, and is left at 0 V on every way
     out, Ctrl-C included. Each check is printed on stderr as it is made.
     """
-    with plain_errors(), ExitStack() as stack:
-        file = opened_results(stack, json_file)
+    with reporting(json_file) as write_results, ExitStack() as stack:
         stimulator = stack.enter_context(at.connect(lockstep=lockstep))
         serial = round(stimulator.get("Calibration.Plate serial number"))
         checks = judge(stimulator, lambda check: click.echo(_check_line(check), err=True))
@@ -436,7 +433,7 @@ def selftest(*, at: StimulatorChoice, lockstep: bool, json_file: Path | None) ->
             "passed": not failed,
             "checks": [check.as_json() for check in checks],
         }
-        report_results(results, [_verdict(checks, failed)], file)
+        write_results(results, [_verdict(checks, failed)])
     if failed:
         raise click.exceptions.Exit(1)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing
 from datetime import datetime
@@ -25,9 +24,8 @@ from smarttac_can.cli.shared import (
     json_options,
     naming,
     one_line,
-    opened_results,
     plain_errors,
-    report_results,
+    reporting,
     result_path,
     timeout_option,
 )
@@ -85,15 +83,14 @@ def scan(
     Devices with a node-ID are found by SDO and heartbeat, those without one by LSS fastscan. A
     node-ID of two devices is an error, exit code 1, and named on stderr.
     """
-    with plain_errors(), ExitStack() as stack:
-        results = opened_results(stack, json_file)
+    with reporting(json_file) as write_results:
         texts = {name: read_eds(name) for name in PACKAGED}
         texts |= {str(path): read_eds_file(path) for path in eds_files}
         known = {name: _load(name, text) for name, text in texts.items()}
         with closing_network(bus) as network:
             found = scan_bus(network, known, timeout)
         lines = _lines(found) if found else []
-        report_results([_row(device) for device in found], lines, results)
+        write_results([_row(device) for device in found], lines)
     if not found:
         raise click.ClickException(f"no device answers on {bus.where}")
     doubled = [device.node_id for device in found if device.doubled]
@@ -243,8 +240,7 @@ def check(
         raise click.UsageError("--device needs --node-id")
     if node_id is not None and not device:
         raise click.UsageError("--node-id is that of a --device: none is to be compared")
-    with plain_errors(), ExitStack() as stack:
-        results = opened_results(stack, json_file)
+    with reporting(json_file) as write_results:
         text = read_eds_file(file)
         findings = check_eds(text, file.name)
         if device and node_id is not None:
@@ -255,7 +251,7 @@ def check(
             {"section": shown(f.section), "message": f.message, "error": f.error} for f in findings
         ]
         lines = [one_line(f"{file}: {finding}") for finding in findings]
-        report_results({"file": str(file), "findings": rows}, lines, results)
+        write_results({"file": str(file), "findings": rows}, lines)
     if any(finding.error for finding in findings):
         raise SystemExit(1)
 
@@ -275,8 +271,7 @@ def load(
 
     PDOs are written by the procedure of CiA 301. Nothing is stored: that is 1010h of the device.
     """
-    with plain_errors(), ExitStack() as stack:
-        results = opened_results(stack, json_file)
+    with reporting(json_file) as write_results:
         text = read_eds_file(file)
         sections = read_sections(text, [])
         stated = sections.get(COMMISSIONING.lower(), {}).get("nodeid", "")
@@ -293,7 +288,7 @@ def load(
         lines = [one_line(f"{file}: {finding}") for finding in findings]
         done = f"node {od.node_id}: {len(values)} values, {len(findings)} refused or otherwise"
         made = {"file": str(file), "node_id": od.node_id, "values": len(values), "findings": rows}
-        report_results(made, [*lines, done], results)
+        write_results(made, [*lines, done])
     if findings:
         raise SystemExit(1)
 
@@ -488,10 +483,9 @@ def conform(
     The device should be alone on the bus. It is reset before and after each case, and what is
     writable is written: disconnect what must not move.
     """
-    with plain_errors(), ExitStack() as stack:
-        file = opened_results(stack, json_file)
+    with reporting(json_file) as write_results, ExitStack() as stack:
         page = None if report is None else stack.enter_context(result_file(report))
-        show: Callable[[str], None] = partial(click.echo, err=file is sys.stdout)
+        show: Callable[[str], None] = partial(click.echo, err=json_file == Path("-"))
         with naming(eds):
             sheet = DeviceDescription(read_eds_file(eds), node_id)
         with closing(bus.open()) as connection:
@@ -509,6 +503,6 @@ def conform(
         show(summary(results))
         if page is not None:
             page.write(markdown(results, device))
-        report_results(as_json(results, device), (), file)
+        write_results(as_json(results, device), ())
     if failed(results):
         raise click.exceptions.Exit(1)

@@ -31,9 +31,8 @@ from smarttac_can.cli.shared import (
     naming,
     need_matplotlib,
     one_line,
-    opened_results,
     plain_errors,
-    report_results,
+    reporting,
     result_folder,
     result_folder_path,
     result_path,
@@ -213,8 +212,7 @@ def reproduce(
         load=load,
         subjects=subjects,
     )
-    with plain_errors(), ExitStack() as stack:
-        file = opened_results(stack, json_file)
+    with reporting(json_file) as write_results, ExitStack() as stack:
         if animate is not None:
             need_matplotlib()
             moving = stack.enter_context(result_folder(animate.parent, {animate.name}))
@@ -230,7 +228,7 @@ def reproduce(
             from smarttac_can.paper.figures import save_crossing  # noqa: PLC0415 - an extra
 
             save_crossing(traces, moving / animate.name)
-        report_results(results, tables, file)
+        write_results(results, tables)
 
 
 @click.command(epilog="Example: smarttac reproduce all --output run && smarttac report run")
@@ -364,8 +362,7 @@ def campaign(
             "and more workers do not help: pip install 'smarttac-can[campaign]'",
             err=True,
         )
-    with plain_errors(ClusterError, RecordError), ExitStack() as stack:
-        results_file = opened_results(stack, json_file)
+    with reporting(json_file, ClusterError, RecordError) as write_results, ExitStack() as stack:
         folder = (
             None if output is None else stack.enter_context(result_folder(output, CAMPAIGN_FILES))
         )
@@ -391,7 +388,7 @@ def campaign(
         summaries = [summary(*one) for one in zip(campaigns, results, strict=True)]
         if folder is not None:
             write_folder(folder, summaries, [result.rows for result in results])
-        report_results(as_json(summaries), lines(summaries), results_file)
+        write_results(as_json(summaries), lines(summaries))
     if output is not None:
         click.echo(f"picture: {output / PICTURE}", err=json_file == Path("-"))
 

@@ -16,9 +16,7 @@ from smarttac_can.cli.shared import (
     bus_options,
     json_options,
     need_matplotlib,
-    opened_results,
-    plain_errors,
-    report_results,
+    reporting,
     result_folder,
     result_folder_path,
 )
@@ -78,12 +76,11 @@ def jitter(
     output: Path | None,
 ) -> None:
     """Measure how punctual the 1 kHz loop is on this machine and bus."""
-    with plain_errors(), ExitStack() as stack:
+    with reporting(json_file) as write_results, ExitStack() as stack:
         folder = None
         if output is not None:
             need_matplotlib()
             folder = stack.enter_context(result_folder(output, ()))
-        results = opened_results(stack, json_file)
         stop = stack.enter_context(stop_on_signals())
         run = measure_loop(
             bus.options,
@@ -100,7 +97,7 @@ def jitter(
         figures = run.timing.as_json()
         state = None if run.state is None else run.state.name.lower()
         ending = {"state": state, "message": run.message, "refused": run.refused}
-        report_results(figures | ending, _table(figures, run, plate_node), results)
+        write_results(figures | ending, _table(figures, run, plate_node))
         if folder is not None:
             _draw(run.timing, folder / PICTURE)
     if plate_node is None and not run.ran:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import csv
 import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import wraps
-from io import StringIO
 from pathlib import Path
 from secrets import randbelow
 from typing import Any, Final, NamedTuple
@@ -40,10 +38,10 @@ from smarttac_can.host.bus import BusError, QueueFullError
 from smarttac_can.host.files import (
     FaultFile,
     StorageFile,
-    read_bounded,
     read_eds,
     read_eds_file,
     read_lines,
+    read_numbers,
     reason,
 )
 from smarttac_can.host.front_ends import FrontEndError, opened_front_end
@@ -67,7 +65,6 @@ from smarttac_can.od.eds import load_eds
 from smarttac_can.od.entry import Entry
 from smarttac_can.plant.finger import SAMPLE_RANGES, Trajectory
 from smarttac_can.vocabulary.meanings import LIFTED, RECORDED, STROKE
-from smarttac_can.vocabulary.model import require
 from smarttac_can.vocabulary.plate import TimedPlate
 from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS
 from smarttac_can.vocabulary.states import Mode
@@ -302,9 +299,13 @@ def _stdout() -> int:
         return os.open(os.devnull, os.O_WRONLY)
 
 
-_COLUMNS: Final = {"t_s": 1.0, "x_mm": 1e-3, "Fn_N": 1.0}
-"""Names of the columns, with the SI value of their units."""
-FINGER_HEADER: Final = list(_COLUMNS)
+_MM: Final = 1e-3
+_COLUMNS: Final = {
+    name: (low / unit, high / unit)
+    for (_, low, high), (name, unit) in zip(
+        SAMPLE_RANGES, {"t_s": 1.0, "x_mm": _MM, "Fn_N": 1.0}.items(), strict=True
+    )
+}
 MAX_FINGER_BYTES: Final = 8 << 20
 MAX_FINGER_ROWS: Final = 100_000
 """Most rows of a recording: 100 s at 1 kHz."""
@@ -327,36 +328,17 @@ def read_finger(path: Path) -> Trajectory:
     OSError
         It is no regular file, longer than `MAX_FINGER_BYTES`, or cannot be read.
     """
-    data = read_bounded(path, MAX_FINGER_BYTES)
+    samples: list[tuple[float, float, float]] = []
+    rows = read_numbers(path, _COLUMNS, most_rows=MAX_FINGER_ROWS, most_bytes=MAX_FINGER_BYTES)
+    for line, (time, x_mm, Fn) in rows:
+        if samples and time <= samples[-1][0]:
+            before = samples[-1][0]
+            raise ValueError(f"{path}: line {line}: t_s {time:g} is not after {before:g}")
+        samples.append((time, x_mm * _MM, Fn))
     try:
-        return Trajectory(_samples(data.decode("utf-8-sig")))
+        return Trajectory(samples)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
-
-
-def _samples(text: str) -> list[tuple[float, float, float]]:
-    samples: list[tuple[float, float, float]] = []
-    rows = csv.reader(StringIO(text, newline=""))
-    try:
-        if next(rows, None) != FINGER_HEADER:
-            raise ValueError(f"the header is not {','.join(FINGER_HEADER)}")
-        for row in rows:
-            if len(samples) == MAX_FINGER_ROWS:
-                raise ValueError(f"there are more than {MAX_FINGER_ROWS} rows")
-            if len(row) != len(FINGER_HEADER):
-                raise ValueError(
-                    f"{len(row)} fields are not the {len(FINGER_HEADER)} of the header"
-                )
-            time, x, Fn = numbers = [float(field) for field in row]
-            columns = zip(numbers, _COLUMNS.items(), SAMPLE_RANGES, strict=True)
-            for number, (name, unit), (_, low, high) in columns:
-                require(name, number, low / unit, high / unit)
-            if samples and time <= samples[-1][0]:
-                raise ValueError(f"t_s {time:g} is not after the {samples[-1][0]:g} before it")
-            samples.append((time, x * _COLUMNS["x_mm"], Fn))
-    except (ValueError, csv.Error) as error:
-        raise ValueError(f"line {rows.line_num}: {error}") from error
-    return samples
 
 
 def _finger(

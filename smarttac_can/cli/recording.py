@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack
 from pathlib import Path
 from time import monotonic, sleep
 from typing import Any, Final
@@ -26,9 +25,7 @@ from smarttac_can.cli.shared import (
     json_options,
     lockstep_option,
     one_line,
-    opened_results,
-    plain_errors,
-    report_results,
+    reporting,
     require_image,
     stimulator_options,
     timeout_option,
@@ -97,9 +94,8 @@ def record(
     _refuse_twice(file, raw, json_file)
     said = zip(METADATA, (subject, operator, notes), strict=True)
     metadata = {name: text for name, text in said if text is not None}
-    with plain_errors(ValueError), ExitStack() as stack:
+    with reporting(json_file, ValueError) as write_results:
         require_new(file)
-        results = opened_results(stack, json_file)
         if log is not None:
             _refuse_bus(at.bus, seconds, raw, *metadata)
             summary = make_recording(log, file)
@@ -107,7 +103,7 @@ def record(
             with stop_on_signals() as stopped, at.connect(timeout=timeout) as bench:
                 recording = bench.record(file, raw=raw, **metadata)
                 summary = _recorded(recording, stopped, seconds)
-        report_results({"file": str(file), **summary._asdict()}, _lines(file, summary), results)
+        write_results({"file": str(file), **summary._asdict()}, _lines(file, summary))
         if log is None and summary.rows == 0:
             raise ValueError(
                 f"{file} has no row: no cycle came. The loop needs SYNC and both nodes "
@@ -247,8 +243,7 @@ def replay(
         raise click.UsageError(f"--plate-node {plate_node} is the --node-id of the stimulator")
     if lockstep and produce_sync:
         raise click.UsageError("in --lockstep the bench produces SYNC: leave out --produce-sync")
-    with plain_errors(), blaming(eds), ExitStack() as stack:
-        results = opened_results(stack, json_file)
+    with reporting(json_file) as write_results, blaming(eds):
         if deadline is None and lockstep:
             deadline = SHORT_DEADLINE_MS
         memory = Memory()
@@ -267,7 +262,7 @@ def replay(
 
         power_on()  # refuse a wrong EDS before the log is read
         found = _replay(log, Replay(power_on, node_id, lockstep=lockstep))
-        report_results({"log": str(log), **_as_json(found)}, [_line(log, found)], results)
+        write_results({"log": str(log), **_as_json(found)}, [_line(log, found)])
     if isinstance(found, DifferenceError):
         raise click.ClickException(one_line(f"{log}: {found}{_perhaps_told(found.so_far)}"))
 

@@ -279,24 +279,19 @@ class BusChoice(NamedTuple):
         """
         return PythonCanBus(self.interface, self.channel, self.bitrate, **self.others)
 
-    def open_network(self) -> canopen.Network:
-        """Open the bus as a network of python-canopen.
-
-        Raises
-        ------
-        BusError
-            It cannot be opened.
-        """
-        network = TappedNetwork()
-        with opening(self.interface, self.channel, BusError):
-            network.connect(**self.options)
-        return network
-
 
 @contextmanager
 def closing_network(bus: BusChoice) -> Iterator[canopen.Network]:
-    """Open a bus as a network, and disconnect at the end of the block, also after an error."""
-    network = bus.open_network()
+    """Open a bus as a network, and disconnect at the end of the block, also after an error.
+
+    Raises
+    ------
+    BusError
+        It cannot be opened.
+    """
+    network = TappedNetwork()
+    with opening(bus.interface, bus.channel, BusError):
+        network.connect(**bus.options)
     try:
         yield network
     finally:
@@ -467,21 +462,26 @@ def json_options(
     return with_options(option, force_option(force))
 
 
-def opened_results(stack: ExitStack, json_file: Path | None) -> TextIO | None:
-    """Open the file for the results before the run; return None if there is none."""
-    if json_file is None:
-        return None
-    if json_file == Path("-"):
-        return sys.stdout
-    return stack.enter_context(result_file(json_file))
+Report = Callable[[object, Iterable[str]], None]
+"""Function that writes results to their file, and lines to stdout unless that is the file."""
 
 
-def report_results(results: object, lines: Iterable[str], file: TextIO | None) -> None:
-    """Write the results to their file, and lines to stdout unless that is the file."""
-    if file is not None:
-        click.echo(json.dumps(results, indent=2), file)
-    if file is not sys.stdout and (text := "\n".join(lines)):
-        click.echo(text)
+@contextmanager
+def reporting(json_file: Path | None, *others: type[Exception]) -> Iterator[Report]:
+    """Open the file for the results, if there is one, before the run; errors as `plain_errors`."""
+    with plain_errors(*others), ExitStack() as stack:
+        file: TextIO | None = None
+        if json_file is not None:
+            stdout = json_file == Path("-")
+            file = sys.stdout if stdout else stack.enter_context(result_file(json_file))
+
+        def report(results: object, lines: Iterable[str]) -> None:
+            if file is not None:
+                click.echo(json.dumps(results, indent=2), file)
+            if file is not sys.stdout and (text := "\n".join(lines)):
+                click.echo(text)
+
+        yield report
 
 
 @contextmanager

@@ -19,9 +19,8 @@ from smarttac_can.cli.shared import (
     FiniteRange,
     json_options,
     naming,
-    opened_results,
     plain_errors,
-    report_results,
+    reporting,
     result_path,
     seed_option,
 )
@@ -161,8 +160,7 @@ def faults(
         raise click.UsageError(f"--jobs {jobs}: with --channel there is one process")
     if channel is not None or len(chosen) == 1:
         jobs = 1
-    with plain_errors(), ExitStack() as stack:
-        results = opened_results(stack, json_file)
+    with reporting(json_file) as write_results, ExitStack() as stack:
         log = None
         if log_file is not None:
             log = CandumpWriter(stack.enter_context(result_file(log_file))).write
@@ -173,7 +171,7 @@ def faults(
             ):
                 rows.append(row)
                 progress(len(rows) / len(chosen))
-        report_results(rows_as_json(rows), map(_row_line, rows), results)
+        write_results(rows_as_json(rows), map(_row_line, rows))
     failed = [row for row in rows if not row.passed]
     if failed:
         raise click.ClickException(f"{len(failed)} of {len(rows)} faults did not end as they must")
@@ -222,15 +220,14 @@ def soak(hours: float, seed: int, jobs: int | None, json_file: Path | None) -> N
     Modes, laws, set-points, fingers, SDO traffic, faults and restarts come at random, in parts of
     an hour at most. The same seed and time give the same run, whatever the number of processes.
     """
-    with plain_errors(), ExitStack() as stack:
-        results = opened_results(stack, json_file)
+    with reporting(json_file) as write_results:
         with progress_bar("soaking") as progress:
             report = soak_in_parts(
                 parts(max(1, round(hours * CYCLES_PER_HOUR)), seed),
                 jobs=jobs or os.cpu_count() or 1,
                 progress=progress,
             )
-        report_results(report.as_json(), [_soak_summary(report)], results)
+        write_results(report.as_json(), [_soak_summary(report)])
     if not report.passed:
         raise click.ClickException(f"{report.violated} violated invariants")
 
@@ -292,11 +289,10 @@ def hostile(actions: int, seed: int, json_file: Path | None) -> None:
     SDO requests, PDOs, SYNC, EMCY, heartbeats, NMT and garbage come at random, while a master arms
     again and resets faults. The same seed and number give the same run.
     """
-    with plain_errors(), ExitStack() as stack:
-        results = opened_results(stack, json_file)
+    with reporting(json_file) as write_results:
         with progress_bar("attacking") as progress:
             report = Hostile(actions, seed, progress).run()
-        report_results(report.as_json(), [_attack_summary(report)], results)
+        write_results(report.as_json(), [_attack_summary(report)])
     if not report.passed:
         raise click.ClickException(f"{report.violated} violations")
 
@@ -387,8 +383,7 @@ def fmeda(
     if workers is not None:
         click.echo("--workers is deprecated: use --jobs", err=True)
         jobs = jobs or workers
-    with plain_errors(), ExitStack() as stack:
-        file = opened_results(stack, json_file)
+    with reporting(json_file) as write_results:
         with progress_bar("cells") as progress:
             if healthy is not None:
                 seeds = range(seed, seed + healthy)
@@ -400,10 +395,10 @@ def fmeda(
                 each = jobs or _jobs_for(len(chosen))
                 results = list(in_order(run_cell, chosen, each, progress))
         if healthy is not None:
-            report_results(healthy_as_json(runs), _healthy_lines(runs), file)
+            write_results(healthy_as_json(runs), _healthy_lines(runs))
             bad, what = sum(run.false for run in runs), "healthy runs ended in a false trip"
         else:
-            report_results(as_json(results), _sweep_lines(results), file)
+            write_results(as_json(results), _sweep_lines(results))
             bad, what = sum(bool(r.violation) for r in results), "cells break the promise"
     if bad:
         raise click.ClickException(f"{bad} {what}")

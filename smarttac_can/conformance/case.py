@@ -75,11 +75,25 @@ class Case:
         return self.number.partition("-")[0]
 
 
-def case(number: str, rule: str, *needs: Need) -> Callable[[Callable[[Examiner], None]], Case]:
-    """Return a decorator that makes a case of a function, whose docstring, a noun, is the title."""
+class Group(NamedTuple):
+    """Cases of one subject that share requirements."""
+
+    name: str
+    """First part of their numbers."""
+    needs: tuple[Need, ...] = ()
+
+
+def case(
+    group: Group, number: int, rule: str, *needs: Need
+) -> Callable[[Callable[[Examiner], None]], Case]:
+    """Return a decorator that makes a case of a function, whose docstring, a noun, is the title.
+
+    The case needs what the group needs, and its own needs.
+    """
 
     def made(check: Callable[[Examiner], None]) -> Case:
-        return Case(number, (check.__doc__ or "").rstrip("."), rule, needs, check)
+        title = (check.__doc__ or "").rstrip(".")
+        return Case(f"{group.name}-{number:02d}", title, rule, (*group.needs, *needs), check)
 
     return made
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from functools import partial
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 
-from smarttac_can.conformance.case import COMMANDS, Failure, NotApplicable, case
+from smarttac_can.conformance.case import COMMANDS, Failure, Group, NotApplicable, case
 from smarttac_can.conformance.examiner import OUT_OF_RANGE, Examiner, download, upload
 from smarttac_can.od.cia import ERROR_FIELD, Abort, AbortCode, DataType, ObjectType
 from smarttac_can.od.data_types import REAL, SIGNED, SIZES, UNSIGNED, bounds, pack
@@ -42,7 +42,29 @@ def _read(examiner: Examiner, entry: Entry) -> bytes | None:
         raise
 
 
-@case("OD-01", "7.4.1: each readable entry of the EDS can be read.")
+def _values(examiner: Examiner, entries: Iterable[Entry]) -> Iterator[tuple[Entry, bytes]]:
+    """Read entries, and yield the bytes of each one that the device does not refuse."""
+    for entry in entries:
+        with suppress(Abort):
+            yield entry, upload(examiner, entry.index, entry.subindex)
+
+
+@contextmanager
+def _refused(
+    examiner: Examiner, entry: Entry, faults: list[str], *codes: AbortCode
+) -> Iterator[None]:
+    """Add to the faults what is wrong with the refusal of an access to an entry in the block."""
+    try:
+        with examiner.refused(where(entry), *codes):
+            yield
+    except Failure as failure:
+        faults.append(str(failure))
+
+
+_od = Group("OD")
+
+
+@case(_od, 1, "7.4.1: each readable entry of the EDS can be read.")
 def every_object(examiner: Examiner) -> None:
     """Every object exists."""
     entries, faults = _readable(examiner), []
@@ -54,23 +76,20 @@ def every_object(examiner: Examiner) -> None:
     report(faults, len(entries))
 
 
-@case("OD-02", "7.1: each value is as long as its data type.")
+@case(_od, 2, "7.1: each value is as long as its data type.")
 def lengths(examiner: Examiner) -> None:
     """Length by data type."""
-    entries, faults = _readable(examiner), []
-    for entry in entries:
-        try:
-            data = _read(examiner, entry)
-        except Abort:
-            continue
-        if data is not None and entry.size and len(data) != entry.size:
-            faults.append(f"{where(entry)} has {len(data)} bytes, {entry.data_type.name}")
+    entries = _readable(examiner)
+    faults = [
+        f"{where(entry)} has {len(data)} bytes, {entry.data_type.name}"
+        for entry, data in _values(examiner, entries)
+        if entry.size and len(data) != entry.size
+    ]
     report(faults, len(entries))
 
 
 @case(
-    "OD-03",
-    "CiA 306, 4.6: constants and parameters, not process data, have the EDS's DefaultValue.",
+    _od, 3, "CiA 306, 4.6: constants and parameters, not process data, have the EDS's DefaultValue."
 )
 def defaults(examiner: Examiner) -> None:
     """Values after a reset."""
@@ -81,49 +100,35 @@ def defaults(examiner: Examiner) -> None:
         and not entry.pdo
         and examiner.sheet.states_default(entry)
     ]
-    faults = []
-    for entry in entries:
-        try:
-            data = _read(examiner, entry)
-        except Abort:
-            continue
-        wanted = pack(entry.data_type, entry.default)
-        if data is not None and data != wanted:
-            faults.append(f"{where(entry)} is {data.hex(' ')}, the EDS says {wanted.hex(' ')}")
+    faults = [
+        f"{where(entry)} is {data.hex(' ')}, the EDS says {wanted.hex(' ')}"
+        for entry, data in _values(examiner, entries)
+        if data != (wanted := pack(entry.data_type, entry.default))
+    ]
     report(faults, len(entries))
 
 
-@case("OD-04", "Table 22: writing any of them is aborted by 06010002h.")
+@case(_od, 4, "Table 22: writing any of them is aborted by 06010002h.")
 def read_only(examiner: Examiner) -> None:
     """Read-only entries."""
     entries = [e for e in examiner.sheet.od if not e.writable]
-    faults = []
+    faults: list[str] = []
     for entry in entries:
-        write = partial(download, data=bytes(entry.size or 1))
-        faults += _wrong_refusal(examiner, entry, write, AbortCode.READ_ONLY)
+        with _refused(examiner, entry, faults, AbortCode.READ_ONLY):
+            download(examiner, entry.index, entry.subindex, bytes(entry.size or 1))
     report(faults, len(entries))
 
 
-def _wrong_refusal(
-    examiner: Examiner, entry: Entry, access: Callable[..., object], *codes: AbortCode
-) -> list[str]:
-    """Return what is wrong with the refusal of an access to an entry, as a list."""
-    try:
-        examiner.refuse(lambda: access(examiner, entry.index, entry.subindex), where(entry), *codes)
-    except Failure as failure:
-        return [str(failure)]
-    return []
-
-
-@case("OD-05", "Table 22: reading any of them is aborted by 06010001h.")
+@case(_od, 5, "Table 22: reading any of them is aborted by 06010001h.")
 def write_only(examiner: Examiner) -> None:
     """Write-only entries."""
     entries = [e for e in examiner.sheet.od if not e.readable]
     if not entries:
         raise NotApplicable("the EDS has no write-only entry")
-    faults = []
+    faults: list[str] = []
     for entry in entries:
-        faults += _wrong_refusal(examiner, entry, upload, AbortCode.WRITE_ONLY)
+        with _refused(examiner, entry, faults, AbortCode.WRITE_ONLY):
+            upload(examiner, entry.index, entry.subindex)
     report(faults, len(entries))
 
 
@@ -135,10 +140,7 @@ def _beyond(entry: Entry) -> Iterator[bytes]:
             yield pack(entry.data_type, value)
 
 
-@case(
-    "OD-06",
-    "CiA 306, 4.6 and table 22: beyond LowLimit and HighLimit 06090030h, 31h or 32h.",
-)
+@case(_od, 6, "CiA 306, 4.6 and table 22: beyond LowLimit and HighLimit 06090030h, 31h or 32h.")
 def limits(examiner: Examiner) -> None:
     """Limits."""
     entries = [
@@ -151,16 +153,17 @@ def limits(examiner: Examiner) -> None:
     ]
     if not entries:
         raise NotApplicable("the EDS has no writable entry with limits")
-    faults = []
+    faults: list[str] = []
     for entry in entries:
         for data in _beyond(entry):
-            write = partial(download, data=data)
-            faults += _wrong_refusal(examiner, entry, write, *OUT_OF_RANGE)
+            with _refused(examiner, entry, faults, *OUT_OF_RANGE):
+                download(examiner, entry.index, entry.subindex, data)
     report(faults, len(entries))
 
 
 @case(
-    "OD-07",
+    _od,
+    7,
     "A master that writes each rw entry back with its own value gets no abort, mappings apart.",
 )
 def write_back(examiner: Examiner) -> None:
@@ -184,10 +187,7 @@ def write_back(examiner: Examiner) -> None:
     report(faults, len(entries))
 
 
-@case(
-    "OD-08",
-    "7.4.5: sub-index 0 of arrays and records is the highest one; none beyond it exists.",
-)
+@case(_od, 8, "7.4.5: sub-index 0 of arrays and records is the highest one; none beyond it exists.")
 def highest_subindex(examiner: Examiner) -> None:
     """Highest sub-index."""
     mapping_or_history = [ERROR_FIELD] + [
@@ -213,10 +213,7 @@ def highest_subindex(examiner: Examiner) -> None:
     report(faults, len(objects))
 
 
-@case(
-    "OD-09",
-    "7.4.7.2: it gives data type and object code, or does not exist (06090011h).",
-)
+@case(_od, 9, "7.4.7.2: it gives data type and object code, or does not exist (06090011h).")
 def structure(examiner: Examiner) -> None:
     """Sub-index FFh."""
     objects = [i for i in examiner.sheet.od.objects.values() if _STRUCTURE not in i.entries]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from smarttac_can.conformance.case import Failure, case, needs_object
+from smarttac_can.conformance.case import Failure, Group, case, needs_object
 from smarttac_can.conformance.examiner import Examiner, download, number, upload, write_number
 from smarttac_can.od.cia import (
     CAN_ID_MASK,
@@ -78,12 +78,10 @@ _SLACK_MS = 20
 _has_history = needs_object(ERROR_FIELD)
 
 
-@case(
-    "EMCY-01",
-    "7.2.7.3: 8 bytes once per error: code, error register as object 1001h, 5 bytes.",
-    needs_emcy,
-    needs_consumer,
-)
+_emcy = Group("EMCY", (needs_emcy, needs_consumer))
+
+
+@case(_emcy, 1, "7.2.7.3: 8 bytes once per error: code, error register as object 1001h, 5 bytes.")
 def message(examiner: Examiner) -> None:
     """Message of an error."""
     data = lose_node(examiner)
@@ -95,12 +93,7 @@ def message(examiner: Examiner) -> None:
         raise Failure(f"error register {register:02X}h has no generic and communication error")
 
 
-@case(
-    "EMCY-02",
-    "7.2.7.2: when the last error is gone comes code 0000h with error register 0.",
-    needs_emcy,
-    needs_consumer,
-)
+@case(_emcy, 2, "7.2.7.2: when the last error is gone comes code 0000h with error register 0.")
 def error_reset(examiner: Examiner) -> None:
     """End of an error."""
     lose_node(examiner)
@@ -111,10 +104,9 @@ def error_reset(examiner: Examiner) -> None:
 
 
 @case(
-    "EMCY-03",
+    _emcy,
+    3,
     "7.5.2.2: the newest error stands in sub-index 1, sub-index 0 counts them.",
-    needs_emcy,
-    needs_consumer,
     _has_history,
 )
 def history(examiner: Examiner) -> None:
@@ -132,7 +124,8 @@ def history(examiner: Examiner) -> None:
 
 
 @case(
-    "EMCY-04",
+    Group("EMCY"),
+    4,
     "7.5.2.2: only 0 may be written to sub-index 0; an empty place has no data.",
     _has_history,
 )
@@ -142,45 +135,40 @@ def clear_history(examiner: Examiner) -> None:
     def write(value: int) -> None:
         download(examiner, ERROR_FIELD, 0, bytes((value,)))
 
-    examiner.refuse(
-        lambda: write(1), "1 written to the history", AbortCode.VALUE, AbortCode.TOO_HIGH
-    )
+    with examiner.refused("1 written to the history", AbortCode.VALUE, AbortCode.TOO_HIGH):
+        write(1)
     write(0)
     if number(examiner, ERROR_FIELD):
         raise Failure("the history is not empty after it was cleared")
-    examiner.refuse(
-        lambda: upload(examiner, ERROR_FIELD, 1),
-        "an empty place of the history",
-        AbortCode.NO_DATA,
-        AbortCode.NO_SUBINDEX,
-    )
+    with examiner.refused(
+        "an empty place of the history", AbortCode.NO_DATA, AbortCode.NO_SUBINDEX
+    ):
+        upload(examiner, ERROR_FIELD, 1)
 
 
 @case(
-    "EMCY-05",
+    _emcy,
+    5,
     "7.5.2.17: with bit 31 EMCY is silent; the CAN-ID of a valid one cannot be changed.",
     needs_object(EMCY_COB_ID, writable=True),
-    needs_consumer,
 )
 def cob_id(examiner: Examiner) -> None:
     """COB-ID."""
     value = number(examiner, EMCY_COB_ID)
     if value != examiner.sheet.od.number(EMCY_COB_ID):
         raise Failure(f"COB-ID EMCY is {value:08X}h, not as the EDS says")
-    examiner.refuse(
-        lambda: write_number(examiner, EMCY_COB_ID, 0, value ^ 0x100), "CAN-ID of a valid EMCY"
-    )
+    with examiner.refused("CAN-ID of a valid EMCY"):
+        write_number(examiner, EMCY_COB_ID, 0, value ^ 0x100)
     write_number(examiner, EMCY_COB_ID, 0, value | COB_INVALID)
     watch(examiner)
     examiner.silence(emcy_id(examiner), "EMCY that is disabled", WATCH_MS * 1e-3 + examiner.timeout)
 
 
 @case(
-    "EMCY-06",
+    _emcy,
+    6,
     "7.5.2.18: the least time between two messages.",
-    needs_emcy,
     needs_object(EMCY_INHIBIT, writable=True),
-    needs_consumer,
 )
 def inhibit_time(examiner: Examiner) -> None:
     """Inhibit time."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from smarttac_can.conformance.case import DeviceDescription, Failure, case, needs_object
+from smarttac_can.conformance.case import DeviceDescription, Failure, Group, case, needs_object
 from smarttac_can.conformance.emcy import (
     emcy_id,
     expect_emcy,
@@ -104,12 +104,10 @@ LIFE_TIME_S = 1e-3 * PERIOD_MS * _FACTOR
 # Node and life guarding (GUARD).
 
 
-@case(
-    "GUARD-01",
-    "7.2.8.3.2.1: one byte, the toggle bit 0 in the first answer after boot-up.",
-    needs_guarding,
-    heartbeat_can_end,
-)
+_guard = Group("GUARD", (needs_guarding, heartbeat_can_end))
+
+
+@case(_guard, 1, "7.2.8.3.2.1: one byte, the toggle bit 0 in the first answer after boot-up.")
 def guard_answer(examiner: Examiner) -> None:
     """Answer to a remote frame."""
     end_heartbeat(examiner)
@@ -117,12 +115,7 @@ def guard_answer(examiner: Examiner) -> None:
         raise Failure("toggle bit 1 in the first answer")
 
 
-@case(
-    "GUARD-02",
-    "7.2.8.3.2.1: it alternates from answer to answer.",
-    needs_guarding,
-    heartbeat_can_end,
-)
+@case(_guard, 2, "7.2.8.3.2.1: it alternates from answer to answer.")
 def guard_toggle(examiner: Examiner) -> None:
     """Toggle bit."""
     end_heartbeat(examiner)
@@ -131,12 +124,7 @@ def guard_toggle(examiner: Examiner) -> None:
         raise Failure(f"toggle bits {[bool(t) for t in toggles]}")
 
 
-@case(
-    "GUARD-03",
-    "7.2.8.3.2.1: 4 stopped, 5 operational, 127 pre-operational.",
-    needs_guarding,
-    heartbeat_can_end,
-)
+@case(_guard, 3, "7.2.8.3.2.1: 4 stopped, 5 operational, 127 pre-operational.")
 def guard_state(examiner: Examiner) -> None:
     """State in the answer."""
     end_heartbeat(examiner)
@@ -148,11 +136,10 @@ def guard_state(examiner: Examiner) -> None:
 
 
 @case(
-    "GUARD-04",
+    _guard,
+    4,
     "7.2.8.2.2.1: no remote frame for guard time x life time factor gives EMCY 8130h.",
-    needs_guarding,
     needs_life_time,
-    heartbeat_can_end,
     needs_emcy,
 )
 def life_guarding(examiner: Examiner) -> None:
@@ -164,11 +151,10 @@ def life_guarding(examiner: Examiner) -> None:
 
 
 @case(
-    "GUARD-05",
+    _guard,
+    5,
     "7.2.8.2.2.1: it begins with the first remote frame, not before.",
-    needs_guarding,
     needs_life_time,
-    heartbeat_can_end,
     needs_emcy,
 )
 def life_guarding_start(examiner: Examiner) -> None:
@@ -180,12 +166,7 @@ def life_guarding_start(examiner: Examiner) -> None:
     )
 
 
-@case(
-    "GUARD-06",
-    "7.2.8.3.2.1: reset communication sets it to 0.",
-    needs_guarding,
-    heartbeat_can_end,
-)
+@case(_guard, 6, "7.2.8.3.2.1: reset communication sets it to 0.")
 def guard_reset(examiner: Examiner) -> None:
     """Toggle bit after a reset."""
     end_heartbeat(examiner)
@@ -199,14 +180,18 @@ def guard_reset(examiner: Examiner) -> None:
 # Heartbeat (HB).
 
 
-@case("HB-01", "7.2.8.3.3: one byte 0 under 700h + node-ID after a reset.")
+_hb = Group("HB")
+
+
+@case(_hb, 1, "7.2.8.3.3: one byte 0 under 700h + node-ID after a reset.")
 def boot_up(examiner: Examiner) -> None:
     """Boot-up."""
     examiner.reset()
 
 
 @case(
-    "HB-02",
+    _hb,
+    2,
     "7.5.2.20: after a reset it is that of the EDS; 0 means silence.",
     needs_object(HEARTBEAT_PRODUCER),
 )
@@ -222,18 +207,14 @@ def default_period(examiner: Examiner) -> None:
         examiner.silence(examiner.heartbeat_id, "heartbeat without a producer time")
 
 
-@case("HB-03", "7.5.2.20: a heartbeat every producer time.", needs_producer)
+@case(_hb, 3, "7.5.2.20: a heartbeat every producer time.", needs_producer)
 def period(examiner: Examiner) -> None:
     """Period."""
     set_period(examiner)
     beats(examiner)
 
 
-@case(
-    "HB-04",
-    "7.2.8.3.2.2: 4 stopped, 5 operational, 127 pre-operational.",
-    needs_producer,
-)
+@case(_hb, 4, "7.2.8.3.2.2: 4 stopped, 5 operational, 127 pre-operational.", needs_producer)
 def heartbeat_state(examiner: Examiner) -> None:
     """State."""
     set_period(examiner)
@@ -244,11 +225,7 @@ def heartbeat_state(examiner: Examiner) -> None:
             raise Failure(f"state {got} after NMT command {command:02X}h, not {state}")
 
 
-@case(
-    "HB-05",
-    "7.5.2.20: a new time is in force at once; 0 ends the heartbeat.",
-    needs_producer,
-)
+@case(_hb, 5, "7.5.2.20: a new time is in force at once; 0 ends the heartbeat.", needs_producer)
 def new_period(examiner: Examiner) -> None:
     """New producer time."""
     set_period(examiner)
@@ -262,7 +239,8 @@ def new_period(examiner: Examiner) -> None:
 
 
 @case(
-    "HB-06",
+    _hb,
+    6,
     "7.2.8.2.2.2: a watched node is missed after its first heartbeat, by EMCY 8130h.",
     needs_consumer,
     needs_emcy,
@@ -276,7 +254,8 @@ def consumer(examiner: Examiner) -> None:
 
 
 @case(
-    "HB-07",
+    _hb,
+    7,
     "7.5.2.19: a node that is watched already is refused by 06040043h.",
     needs_consumer,
     needs_object(HEARTBEAT_CONSUMER, 2, writable=True),
@@ -285,20 +264,20 @@ def consumer_twice(examiner: Examiner) -> None:
     """Consumer of one node twice."""
     value = other_node(examiner) << 16 | 5000
     write_number(examiner, HEARTBEAT_CONSUMER, 1, value)
-    examiner.refuse(
-        lambda: write_number(examiner, HEARTBEAT_CONSUMER, 2, value),
-        "a second watch over one node",
-        AbortCode.PARAMETER,
-    )
+    with examiner.refused("a second watch over one node", AbortCode.PARAMETER):
+        write_number(examiner, HEARTBEAT_CONSUMER, 2, value)
 
 
 # Guarding and heartbeat together (BOTH): they exclude each other.
 
 
+_both = Group("BOTH", (needs_producer,))
+
+
 @case(
-    "BOTH-01",
+    _both,
+    1,
     "7.2.8.2.2: with a producer time other than 0 the heartbeat protocol is used.",
-    needs_producer,
     needs_guarding,
 )
 def heartbeat_excludes(examiner: Examiner) -> None:
@@ -308,12 +287,7 @@ def heartbeat_excludes(examiner: Examiner) -> None:
         no_answer(examiner, "while there is a heartbeat")
 
 
-@case(
-    "BOTH-02",
-    "7.2.8.2.2: with producer time 0 a remote frame is answered again.",
-    needs_producer,
-    needs_guarding,
-)
+@case(_both, 2, "7.2.8.2.2: with producer time 0 a remote frame is answered again.", needs_guarding)
 def guarding_again(examiner: Examiner) -> None:
     """Guarding after the heartbeat."""
     set_period(examiner)
@@ -325,9 +299,9 @@ def guarding_again(examiner: Examiner) -> None:
 
 
 @case(
-    "BOTH-03",
+    _both,
+    3,
     "7.2.8.2.2: a producer time that is written during guarding starts the heartbeat.",
-    needs_producer,
     needs_guarding,
 )
 def heartbeat_after_guarding(examiner: Examiner) -> None:
@@ -341,9 +315,9 @@ def heartbeat_after_guarding(examiner: Examiner) -> None:
 
 
 @case(
-    "BOTH-04",
+    _both,
+    4,
     "7.2.8.2.2: with a heartbeat no life guarding error is reported.",
-    needs_producer,
     needs_guarding,
     needs_life_time,
     needs_emcy,
@@ -357,11 +331,7 @@ def no_life_guarding(examiner: Examiner) -> None:
     examiner.silence(emcy_id(examiner), "EMCY of life guarding", LIFE_TIME_S + examiner.timeout)
 
 
-@case(
-    "BOTH-05",
-    "7.2.8.3.3: whatever runs, a reset is told by one boot-up first.",
-    needs_producer,
-)
+@case(_both, 5, "7.2.8.3.3: whatever runs, a reset is told by one boot-up first.")
 def boot_up_with_heartbeat(examiner: Examiner) -> None:
     """Boot-up with error control on."""
     set_period(examiner)
@@ -375,9 +345,7 @@ def boot_up_with_heartbeat(examiner: Examiner) -> None:
 
 
 @case(
-    "BOTH-06",
-    "7.3.2.2.2: guard time, life time factor and producer time are at their reset values.",
-    needs_producer,
+    _both, 6, "7.3.2.2.2: guard time, life time factor and producer time are at their reset values."
 )
 def parameters_reset(examiner: Examiner) -> None:
     """Parameters after reset communication."""
@@ -392,11 +360,7 @@ def parameters_reset(examiner: Examiner) -> None:
             raise Failure(f"{index:04X}h is {got} after reset communication, was {value}")
 
 
-@case(
-    "BOTH-07",
-    "Table 38: heartbeat, or the answer to guarding, goes on in STOPPED.",
-    needs_producer,
-)
+@case(_both, 7, "Table 38: heartbeat, or the answer to guarding, goes on in STOPPED.")
 def in_stopped(examiner: Examiner) -> None:
     """Error control in STOPPED."""
     set_period(examiner)

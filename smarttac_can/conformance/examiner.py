@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from itertools import pairwise
 from time import monotonic, sleep
 from typing import Final, NamedTuple, Protocol
@@ -237,10 +237,11 @@ class Examiner:
             raise Abort(int.from_bytes(data[4:], "little"))
         return data
 
-    def refuse(self, ask: Callable[[], object], what: str, *codes: AbortCode) -> None:
-        """Raise `Failure` unless the device aborts, with one of the codes if any are given."""
+    @contextmanager
+    def refused(self, what: str, *codes: AbortCode) -> Iterator[None]:
+        """Raise `Failure` unless an abort ends the block; if codes are given, one of them."""
         try:
-            ask()
+            yield
         except Abort as abort:
             if codes and abort.code not in codes:
                 wanted = " or ".join(f"{code:08X}h" for code in codes)

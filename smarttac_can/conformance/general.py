@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
 from typing import Final
 
-from smarttac_can.conformance.case import COMMANDS, Failure, NotApplicable, case, needs_object
+from smarttac_can.conformance.case import (
+    COMMANDS,
+    Failure,
+    Group,
+    NotApplicable,
+    case,
+    needs_object,
+)
 from smarttac_can.conformance.emcy import lose_node, needs_consumer, needs_emcy
 from smarttac_can.conformance.error_control import needs_producer, set_period
 from smarttac_can.conformance.examiner import (
@@ -52,7 +58,8 @@ _has_restore = needs_object(RESTORE_DEFAULTS, 1)
 
 
 @case(
-    "EDS-01",
+    Group("EDS"),
+    1,
     "CiA 306: nothing in it is odd, and 1000h, 1001h, 1018h and an identity are there.",
 )
 def data_sheet(examiner: Examiner) -> None:
@@ -66,8 +73,12 @@ def data_sheet(examiner: Examiner) -> None:
         raise Failure("; ".join(faults[:3]))
 
 
+_other = Group("OTHER")
+
+
 @case(
-    "OTHER-01",
+    _other,
+    1,
     "7.5.2.1, .18: device type, vendor-ID, product code and revision are those of the EDS.",
 )
 def identity(examiner: Examiner) -> None:
@@ -81,7 +92,7 @@ def identity(examiner: Examiner) -> None:
             raise Failure(f"{entry.name} is {got:X}h, the EDS says {entry.default:X}h")
 
 
-@case("OTHER-02", "7.5.2.2: 0 after a reset without an error.")
+@case(_other, 2, "7.5.2.2: 0 after a reset without an error.")
 def error_register(examiner: Examiner) -> None:
     """Error register."""
     register = number(examiner, ERROR_REGISTER)
@@ -89,10 +100,7 @@ def error_register(examiner: Examiner) -> None:
         raise Failure(f"error register {register:02X}h after a reset")
 
 
-@case(
-    "OTHER-03",
-    "7.5.2.8 to .10: device name, hardware and software version are those of the EDS.",
-)
+@case(_other, 3, "7.5.2.8 to .10: device name, hardware and software version are those of the EDS.")
 def name_and_versions(examiner: Examiner) -> None:
     """Name and versions."""
     asked = 0
@@ -110,20 +118,13 @@ def name_and_versions(examiner: Examiner) -> None:
 
 def _wrong_signatures(examiner: Examiner, index: int, signature: bytes) -> None:
     for wrong in (signature[::-1], signature.upper()):
-        examiner.refuse(
-            partial(download, examiner, index, 1, wrong),
-            f"signature {wrong.hex(' ')}",
-            AbortCode.STORE,
-            AbortCode.LOCAL_CONTROL,
-            AbortCode.STATE,
-        )
+        with examiner.refused(
+            f"signature {wrong.hex(' ')}", AbortCode.STORE, AbortCode.LOCAL_CONTROL, AbortCode.STATE
+        ):
+            download(examiner, index, 1, wrong)
 
 
-@case(
-    "OTHER-04",
-    "7.5.2.13: all but 'save', also in reverse, is aborted by 0800002xh.",
-    _has_store,
-)
+@case(_other, 4, "7.5.2.13: all but 'save', also in reverse, is aborted by 0800002xh.", _has_store)
 def store_signature(examiner: Examiner) -> None:
     """Signature for storing."""
     _wrong_signatures(examiner, STORE_PARAMETERS, _SAVE)
@@ -146,12 +147,7 @@ def _command(examiner: Examiner, index: int, signature: bytes) -> None:
         examiner.timeout = timeout
 
 
-@case(
-    "OTHER-05",
-    "7.5.2.13: what was stored is in force after a reset.",
-    _has_store,
-    needs_producer,
-)
+@case(_other, 5, "7.5.2.13: what was stored is in force after a reset.", _has_store, needs_producer)
 def store(examiner: Examiner) -> None:
     """Storing."""
     before = number(examiner, HEARTBEAT_PRODUCER)
@@ -166,9 +162,7 @@ def store(examiner: Examiner) -> None:
 
 
 @case(
-    "OTHER-06",
-    "7.5.2.14: all but 'load', also in reverse, is aborted by 0800002xh.",
-    _has_restore,
+    _other, 6, "7.5.2.14: all but 'load', also in reverse, is aborted by 0800002xh.", _has_restore
 )
 def restore_signature(examiner: Examiner) -> None:
     """Signature for restoring."""
@@ -195,7 +189,8 @@ def _put_back(examiner: Examiner, values: dict[tuple[int, int], bytes]) -> None:
 
 
 @case(
-    "OTHER-07",
+    _other,
+    7,
     "7.5.2.14: the defaults are in force after the next reset, not before.",
     _has_store,
     _has_restore,
@@ -219,7 +214,8 @@ def restore(examiner: Examiner) -> None:
 
 
 @case(
-    "OTHER-08",
+    _other,
+    8,
     "7.5.2.22: date and time are kept as written and are 0 after a change of configuration.",
     needs_object(VERIFY_CONFIGURATION, 1, writable=True),
     needs_object(VERIFY_CONFIGURATION, 2, writable=True),
@@ -252,7 +248,8 @@ def _cob_ids(examiner: Examiner) -> Iterator[tuple[int, int]]:
 
 
 @case(
-    "OTHER-09",
+    _other,
+    9,
     "Table 39: no PDO, EMCY or SDO server takes the CAN-IDs of NMT, SDO and error control.",
 )
 def restricted_ids(examiner: Examiner) -> None:
@@ -264,17 +261,17 @@ def restricted_ids(examiner: Examiner) -> None:
         flags = cob_id & ~0x3FFFFFFF & ~COB_INVALID
         for can_id in _RESTRICTED:
             asked += 1
-            examiner.refuse(
-                partial(write_number, examiner, index, subindex, flags | can_id),
-                f"CAN-ID {can_id:03X}h in {index:04X}h:{subindex:02X}",
-                *OUT_OF_RANGE,
-            )
+            with examiner.refused(
+                f"CAN-ID {can_id:03X}h in {index:04X}h:{subindex:02X}", *OUT_OF_RANGE
+            ):
+                write_number(examiner, index, subindex, flags | can_id)
     if not asked:
         raise NotApplicable("the EDS has no COB-ID to write")
 
 
 @case(
-    "OTHER-10",
+    _other,
+    10,
     "7.5.2.32: in OPERATIONAL a lost node leads to PRE-OPERATIONAL, nowhere, or STOPPED.",
     needs_object(ERROR_BEHAVIOUR, 1, writable=True),
     needs_consumer,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from smarttac_can.conformance.case import Failure, case
+from smarttac_can.conformance.case import Failure, Group, case
 from smarttac_can.conformance.error_control import STATES, needs_producer, set_period
 from smarttac_can.conformance.examiner import Examiner, download, number, upload
 from smarttac_can.conformance.pdo import can_id, configure, tpdo
@@ -58,11 +58,10 @@ def _prepare(examiner: Examiner) -> None:
         configure(examiner, tpdo(examiner), 1)
 
 
-@case(
-    "STATE-01",
-    "7.3.2.1: PRE-OPERATIONAL; OPERATIONAL if 1F80h has bit 2 clear (CiA 302-2).",
-    needs_producer,
-)
+_state = Group("STATE", (needs_producer,))
+
+
+@case(_state, 1, "7.3.2.1: PRE-OPERATIONAL; OPERATIONAL if 1F80h has bit 2 clear (CiA 302-2).")
 def after_boot_up(examiner: Examiner) -> None:
     """After boot-up."""
     _watch(examiner)
@@ -71,11 +70,7 @@ def after_boot_up(examiner: Examiner) -> None:
     _expect_state(examiner, state, "after boot-up")
 
 
-@case(
-    "STATE-02",
-    "Table 38: SDO and error control, no PDO.",
-    needs_producer,
-)
+@case(_state, 2, "Table 38: SDO and error control, no PDO.")
 def pre_operational(examiner: Examiner) -> None:
     """PRE-OPERATIONAL."""
     _prepare(examiner)
@@ -85,7 +80,7 @@ def pre_operational(examiner: Examiner) -> None:
         raise Failure("TPDO in PRE-OPERATIONAL")
 
 
-@case("STATE-03", "Table 38: SDO, PDO and error control.", needs_producer)
+@case(_state, 3, "Table 38: SDO, PDO and error control.")
 def operational(examiner: Examiner) -> None:
     """OPERATIONAL."""
     _prepare(examiner)
@@ -96,7 +91,7 @@ def operational(examiner: Examiner) -> None:
         raise Failure("no TPDO in OPERATIONAL")
 
 
-@case("STATE-04", "Table 38: NMT and error control only.", needs_producer)
+@case(_state, 4, "Table 38: NMT and error control only.")
 def stopped(examiner: Examiner) -> None:
     """STOPPED."""
     _prepare(examiner)
@@ -108,11 +103,10 @@ def stopped(examiner: Examiner) -> None:
         raise Failure("TPDO in STOPPED")
 
 
-@case(
-    "TRANS-01",
-    "Figure 49: start, stop and enter pre-operational lead from any state to theirs.",
-    needs_producer,
-)
+_trans = Group("TRANS", (needs_producer,))
+
+
+@case(_trans, 1, "Figure 49: start, stop and enter pre-operational lead from any state to theirs.")
 def transitions(examiner: Examiner) -> None:
     """Between the states."""
     _watch(examiner)
@@ -124,9 +118,7 @@ def transitions(examiner: Examiner) -> None:
 
 
 @case(
-    "TRANS-02",
-    "7.2.8.3.1: 0 is for all nodes; those for others, unknown or malformed do nothing.",
-    needs_producer,
+    _trans, 2, "7.2.8.3.1: 0 is for all nodes; those for others, unknown or malformed do nothing."
 )
 def addressee(examiner: Examiner) -> None:
     """Whom a command is for."""
@@ -184,9 +176,7 @@ def _reset_in_each_state(
 
 
 @case(
-    "TRANS-03",
-    "7.3.2.2.2: from each state; 1000h to 1FFFh get their reset values, the others stay.",
-    needs_producer,
+    _trans, 3, "7.3.2.2.2: from each state; 1000h to 1FFFh get their reset values, the others stay."
 )
 def reset_communication(examiner: Examiner) -> None:
     """Reset communication."""
@@ -195,11 +185,7 @@ def reset_communication(examiner: Examiner) -> None:
             raise Failure(f"reset communication changed {entry.name}")
 
 
-@case(
-    "TRANS-04",
-    "7.3.2.2.1: from each state; all objects get their reset values.",
-    needs_producer,
-)
+@case(_trans, 4, "7.3.2.2.1: from each state; all objects get their reset values.")
 def reset_node(examiner: Examiner) -> None:
     """Reset node."""
     for entry, before, _ in _reset_in_each_state(examiner, NMTCommand.RESET_NODE):

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from functools import partial
 from typing import Any
 
 from smarttac_can.conformance.case import (
     Failure,
+    Group,
     NotApplicable,
     Pdo,
     case,
@@ -256,11 +256,11 @@ def _cyclic(examiner: Examiner, transmission: int) -> None:
             raise Failure(f"type {transmission} sent after {count} SYNCs")
 
 
+_tpdo = Group("PDO", (needs_tpdo,))
+
+
 @case(
-    "PDO-01",
-    "7.2.2: a TPDO carries the mapped entries in their order, little-endian.",
-    needs_tpdo,
-    needs_sync,
+    _tpdo, 1, "7.2.2: a TPDO carries the mapped entries in their order, little-endian.", needs_sync
 )
 def tpdo_content(examiner: Examiner) -> None:
     """Content."""
@@ -280,24 +280,19 @@ def tpdo_content(examiner: Examiner) -> None:
     raise Failure(f"TPDO carries {data.hex(' ')}, the entries are {before.hex(' ')}")
 
 
-@case("PDO-02", "7.5.2.37: sent at every SYNC.", needs_tpdo, needs_sync)
+@case(_tpdo, 2, "7.5.2.37: sent at every SYNC.", needs_sync)
 def every_sync(examiner: Examiner) -> None:
     """Type 1."""
     _cyclic(examiner, 1)
 
 
-@case("PDO-03", "7.5.2.37: type n is sent at every n-th SYNC.", needs_tpdo, needs_sync)
+@case(_tpdo, 3, "7.5.2.37: type n is sent at every n-th SYNC.", needs_sync)
 def every_third_sync(examiner: Examiner) -> None:
     """Type 3."""
     _cyclic(examiner, 3)
 
 
-@case(
-    "PDO-04",
-    "7.5.2.37: sent at the SYNC after an event, not at SYNCs without one.",
-    needs_tpdo,
-    needs_sync,
-)
+@case(_tpdo, 4, "7.5.2.37: sent at the SYNC after an event, not at SYNCs without one.", needs_sync)
 def acyclic(examiner: Examiner) -> None:
     """Type 0."""
     refuse_own_events(examiner)
@@ -314,12 +309,7 @@ def _remote(examiner: Examiner, pdo: Pdo) -> None:
     examiner.send(can_id(examiner, pdo), rtr=True)
 
 
-@case(
-    "PDO-05",
-    "7.5.2.37: sampled at SYNC, sent on a remote frame only.",
-    needs_tpdo,
-    needs_sync,
-)
+@case(_tpdo, 5, "7.5.2.37: sampled at SYNC, sent on a remote frame only.", needs_sync)
 def remote_sampled(examiner: Examiner) -> None:
     """Type 252."""
     pdo = started(examiner, RTR_SYNC, rtr=True)
@@ -329,7 +319,7 @@ def remote_sampled(examiner: Examiner) -> None:
     examiner.expect(can_id(examiner, pdo), "TPDO on a remote frame")
 
 
-@case("PDO-06", "7.5.2.37: sent on a remote frame at once.", needs_tpdo)
+@case(_tpdo, 6, "7.5.2.37: sent on a remote frame at once.")
 def remote(examiner: Examiner) -> None:
     """Type 253."""
     pdo = started(examiner, RTR_EVENT, rtr=True)
@@ -337,11 +327,7 @@ def remote(examiner: Examiner) -> None:
     examiner.expect(can_id(examiner, pdo), "TPDO on a remote frame")
 
 
-@case(
-    "PDO-07",
-    "7.5.2.37: with bit 30 of the COB-ID clear a remote frame is answered.",
-    needs_tpdo,
-)
+@case(_tpdo, 7, "7.5.2.37: with bit 30 of the COB-ID clear a remote frame is answered.")
 def remote_event_driven(examiner: Examiner) -> None:
     """Remote frame to an event-driven TPDO."""
     pdo = started(examiner, EVENT_MANUFACTURER, rtr=True)
@@ -350,10 +336,7 @@ def remote_event_driven(examiner: Examiner) -> None:
 
 
 @case(
-    "PDO-08",
-    "7.5.2.37: with bit 30 of the COB-ID set a remote frame is not answered.",
-    needs_tpdo,
-    needs_sync,
+    _tpdo, 8, "7.5.2.37: with bit 30 of the COB-ID set a remote frame is not answered.", needs_sync
 )
 def remote_not_allowed(examiner: Examiner) -> None:
     """Remote frame that is not allowed."""
@@ -376,7 +359,7 @@ def _gap_ms(examiner: Examiner, pdo: Pdo) -> float:
     return mean_gap_ms(came)
 
 
-@case("PDO-09", "7.5.2.37: sent when the time has passed.", needs_tpdo)
+@case(_tpdo, 9, "7.5.2.37: sent when the time has passed.")
 def event_timer(examiner: Examiner) -> None:
     """Event timer."""
     refuse_own_events(examiner)
@@ -386,14 +369,14 @@ def event_timer(examiner: Examiner) -> None:
         raise Failure(f"TPDO every {mean:.0f} ms, event timer {PERIOD_MS} ms")
 
 
-@case("PDO-10", "7.5.2.37: with time 0 nothing is sent by time.", needs_tpdo)
+@case(_tpdo, 10, "7.5.2.37: with time 0 nothing is sent by time.")
 def event_timer_off(examiner: Examiner) -> None:
     """Event timer off."""
     pdo = started(examiner, 1, event=0)
     examiner.silence(can_id(examiner, pdo), "TPDO without SYNC and timer")
 
 
-@case("PDO-11", "7.5.2.37: the least time between two TPDOs.", needs_tpdo)
+@case(_tpdo, 11, "7.5.2.37: the least time between two TPDOs.")
 def inhibit_time(examiner: Examiner) -> None:
     """Inhibit time."""
     pdo = started(examiner, EVENT_MANUFACTURER, inhibit=10 * PERIOD_MS, event=PERIOD_MS // 4)
@@ -410,26 +393,20 @@ def _fixed_while_valid(examiner: Examiner, subindex: int, value: int, name: str)
     if not examiner.sheet.writable(pdo.communication, subindex):
         raise NotApplicable(f"{pdo.communication:04X}h has no {name} to write")
     enable(examiner, pdo, disable(examiner, pdo))
-    examiner.refuse(
-        lambda: write_number(examiner, pdo.communication, subindex, value),
-        f"{name} of a valid TPDO",
-    )
+    with examiner.refused(f"{name} of a valid TPDO"):
+        write_number(examiner, pdo.communication, subindex, value)
 
 
-@case(
-    "PDO-12",
-    "7.5.2.37: it cannot be changed while the PDO exists.",
-    needs_tpdo,
-)
+@case(_tpdo, 12, "7.5.2.37: it cannot be changed while the PDO exists.")
 def inhibit_time_fixed(examiner: Examiner) -> None:
     """Inhibit time of a valid TPDO."""
     _fixed_while_valid(examiner, PDO_INHIBIT, 100, "inhibit time")
 
 
 @case(
-    "PDO-13",
+    _tpdo,
+    13,
     "7.5.2.37: the SYNC whose counter is the start value is the first one counted.",
-    needs_tpdo,
     needs_object(SYNC_COUNTER, writable=True),
 )
 def start_value(examiner: Examiner) -> None:
@@ -448,33 +425,23 @@ def start_value(examiner: Examiner) -> None:
     examiner.expect(can_id(examiner, pdo), "TPDO at its start value")
 
 
-@case(
-    "PDO-14",
-    "7.5.2.37: it cannot be changed while the PDO exists.",
-    needs_tpdo,
-)
+@case(_tpdo, 14, "7.5.2.37: it cannot be changed while the PDO exists.")
 def start_value_fixed(examiner: Examiner) -> None:
     """SYNC start value of a valid TPDO."""
     _fixed_while_valid(examiner, PDO_SYNC_START, 5, "SYNC start value")
 
 
-@case(
-    "PDO-15",
-    "7.5.2.37: types 241 to 251 are refused.",
-    needs_tpdo,
-)
+@case(_tpdo, 15, "7.5.2.37: types 241 to 251 are refused.")
 def reserved_types(examiner: Examiner) -> None:
     """Reserved transmission types."""
     pdo = tpdo(examiner)
     disable(examiner, pdo)
     for value in (241, 251):
-        examiner.refuse(
-            partial(write_number, examiner, pdo.communication, PDO_TRANSMISSION, value),
-            f"transmission type {value}",
-        )
+        with examiner.refused(f"transmission type {value}"):
+            write_number(examiner, pdo.communication, PDO_TRANSMISSION, value)
 
 
-@case("PDO-16", "7.5.2.37: with bit 31 it is silent.", needs_tpdo, needs_sync)
+@case(_tpdo, 16, "7.5.2.37: with bit 31 it is silent.", needs_sync)
 def disabled(examiner: Examiner) -> None:
     """Disabled TPDO."""
     pdo = tpdo(examiner)
@@ -485,20 +452,14 @@ def disabled(examiner: Examiner) -> None:
     examiner.silence(can_id(examiner, pdo), "TPDO that is disabled")
 
 
-@case(
-    "PDO-17",
-    "7.5.2.37: bits 0 to 29 cannot be changed while the PDO exists.",
-    needs_tpdo,
-)
+@case(_tpdo, 17, "7.5.2.37: bits 0 to 29 cannot be changed while the PDO exists.")
 def can_id_fixed(examiner: Examiner) -> None:
     """CAN-ID of a valid TPDO."""
     pdo = tpdo(examiner)
     cob_id = disable(examiner, pdo)
     enable(examiner, pdo, cob_id)
-    examiner.refuse(
-        lambda: write_number(examiner, pdo.communication, PDO_COB_ID, _moved(cob_id)),
-        "another CAN-ID of a valid TPDO",
-    )
+    with examiner.refused("another CAN-ID of a valid TPDO"):
+        write_number(examiner, pdo.communication, PDO_COB_ID, _moved(cob_id))
     if number(examiner, pdo.communication, PDO_COB_ID) & CAN_ID_MASK != cob_id & CAN_ID_MASK:
         raise Failure("the refused CAN-ID was taken")
 
@@ -508,10 +469,7 @@ def _moved(cob_id: int) -> int:
 
 
 @case(
-    "PDO-18",
-    "7.5.2.37: the TPDO comes under the CAN-ID given while it was disabled.",
-    needs_tpdo,
-    needs_sync,
+    _tpdo, 18, "7.5.2.37: the TPDO comes under the CAN-ID given while it was disabled.", needs_sync
 )
 def new_can_id(examiner: Examiner) -> None:
     """New CAN-ID."""
@@ -525,12 +483,7 @@ def new_can_id(examiner: Examiner) -> None:
     examiner.expect(moved & CAN_ID_MASK, "TPDO under its new CAN-ID")
 
 
-@case(
-    "PDO-19",
-    "7.3.2.2: sent in OPERATIONAL, not in PRE-OPERATIONAL and STOPPED.",
-    needs_tpdo,
-    needs_sync,
-)
+@case(_tpdo, 19, "7.3.2.2: sent in OPERATIONAL, not in PRE-OPERATIONAL and STOPPED.", needs_sync)
 def tpdo_by_state(examiner: Examiner) -> None:
     """TPDO by NMT state."""
     pdo = tpdo(examiner)
@@ -552,7 +505,10 @@ def tpdo_by_state(examiner: Examiner) -> None:
 _DEADLINE_MS = 60
 
 
-@case("PDO-20", "7.5.2.35: its values are taken at once.", needs_rpdo)
+_rpdo = Group("PDO", (needs_rpdo,))
+
+
+@case(_rpdo, 20, "7.5.2.35: its values are taken at once.")
 def event_driven(examiner: Examiner) -> None:
     """Event-driven RPDO."""
     pdo = rpdo(examiner)
@@ -564,12 +520,7 @@ def event_driven(examiner: Examiner) -> None:
     expect_values(examiner, wanted, "after the RPDO")
 
 
-@case(
-    "PDO-21",
-    "7.5.2.35: its values are taken at the next SYNC.",
-    needs_rpdo,
-    needs_sync,
-)
+@case(_rpdo, 21, "7.5.2.35: its values are taken at the next SYNC.", needs_sync)
 def synchronous(examiner: Examiner) -> None:
     """Synchronous RPDO."""
     pdo = rpdo(examiner)
@@ -585,11 +536,7 @@ def synchronous(examiner: Examiner) -> None:
     expect_values(examiner, wanted, "after SYNC")
 
 
-@case(
-    "PDO-22",
-    "7.3.2.2: not taken in PRE-OPERATIONAL and STOPPED.",
-    needs_rpdo,
-)
+@case(_rpdo, 22, "7.3.2.2: not taken in PRE-OPERATIONAL and STOPPED.")
 def rpdo_by_state(examiner: Examiner) -> None:
     """RPDO by NMT state."""
     pdo = rpdo(examiner)
@@ -607,7 +554,7 @@ def rpdo_by_state(examiner: Examiner) -> None:
             raise Failure(f"RPDO taken in {state}")
 
 
-@case("PDO-23", "7.5.2.35: with bit 31 it is not taken.", needs_rpdo)
+@case(_rpdo, 23, "7.5.2.35: with bit 31 it is not taken.")
 def disabled_rpdo(examiner: Examiner) -> None:
     """Disabled RPDO."""
     pdo = rpdo(examiner)
@@ -621,11 +568,7 @@ def disabled_rpdo(examiner: Examiner) -> None:
         raise Failure("RPDO taken that is disabled")
 
 
-@case(
-    "PDO-24",
-    "7.2.2.5.1, 7.2.7.1: not taken; EMCY 8210h if the device has emergencies.",
-    needs_rpdo,
-)
+@case(_rpdo, 24, "7.2.2.5.1, 7.2.7.1: not taken; EMCY 8210h if the device has emergencies.")
 def too_short(examiner: Examiner) -> None:
     """RPDO that is too short."""
     pdo = rpdo(examiner)
@@ -641,9 +584,9 @@ def too_short(examiner: Examiner) -> None:
 
 
 @case(
-    "PDO-25",
+    _rpdo,
+    25,
     "7.5.2.35: after the time without an RPDO comes EMCY 8250h; the next RPDO takes it back.",
-    needs_rpdo,
     needs_object(EMCY_COB_ID),
 )
 def deadline(examiner: Examiner) -> None:
@@ -708,9 +651,9 @@ def _has_pdos(sheet: object) -> str | None:
 
 
 @case(
-    "PDO-26",
+    Group("PDO", (_has_pdos,)),
+    26,
     "7.5.2.36, .38: each entry exists, may be mapped in that direction, and all fit 64 bits.",
-    _has_pdos,
 )
 def default_mapping(examiner: Examiner) -> None:
     """Default mapping."""
@@ -736,12 +679,10 @@ def default_mapping(examiner: Examiner) -> None:
             raise Failure(f"{pdo.mapping:04X}h maps {count} entries, not as the EDS says")
 
 
-@case(
-    "PDO-27",
-    f"{_PROCEDURE}; the PDO then carries the new entries.",
-    needs_mapping,
-    needs_sync,
-)
+_mapping = Group("PDO", (needs_mapping,))
+
+
+@case(_mapping, 27, f"{_PROCEDURE}; the PDO then carries the new entries.", needs_sync)
 def remap(examiner: Examiner) -> None:
     """Mapping changed by the procedure."""
     pdo = _pdo(examiner)
@@ -762,9 +703,9 @@ def remap(examiner: Examiner) -> None:
 
 
 @case(
-    "PDO-28",
+    _mapping,
+    28,
     f"{_PROCEDURE}; a valid PDO, or one whose number is not 0, refuses also what is there.",
-    needs_mapping,
 )
 def remap_out_of_order(examiner: Examiner) -> None:
     """Mapping changed without the procedure."""
@@ -785,27 +726,27 @@ def remap_out_of_order(examiner: Examiner) -> None:
         write_number(examiner, pdo.mapping, 1, parameter)
 
     present = number(examiner, pdo.mapping, 1)
-    examiner.refuse(lambda: write_number(examiner, pdo.mapping, 0, 0), "number 0 of a valid PDO")
-    examiner.refuse(lambda: write(other), "new entry of a valid PDO")
+    with examiner.refused("number 0 of a valid PDO"):
+        write_number(examiner, pdo.mapping, 0, 0)
+    with examiner.refused("new entry of a valid PDO"):
+        write(other)
     disable(examiner, pdo)
     for parameter, what in ((other, "new entry"), (present, "entry written back")):
-        examiner.refuse(partial(write, parameter), f"{what} while the number is not 0", *_PROTECTED)
+        with examiner.refused(f"{what} while the number is not 0", *_PROTECTED):
+            write(parameter)
 
 
-@case("PDO-29", "7.5.2.38: a number beyond the sub-indices.", needs_mapping)
+@case(_mapping, 29, "7.5.2.38: a number beyond the sub-indices.")
 def too_many(examiner: Examiner) -> None:
     """Too many entries."""
     pdo = _pdo(examiner)
     _open(examiner, pdo)
     most = max(examiner.sheet.od.objects[pdo.mapping].entries)
-    examiner.refuse(
-        lambda: write_number(examiner, pdo.mapping, 0, most + 1),
-        f"{most + 1} entries in a mapping of {most}",
-        *_TOO_MUCH,
-    )
+    with examiner.refused(f"{most + 1} entries in a mapping of {most}", *_TOO_MUCH):
+        write_number(examiner, pdo.mapping, 0, most + 1)
 
 
-@case("PDO-30", "7.5.2.38: more than 64 bits by 06040042h.", needs_mapping)
+@case(_mapping, 30, "7.5.2.38: more than 64 bits by 06040042h.")
 def too_many_bits(examiner: Examiner) -> None:
     """Too many bits."""
     pdo = _pdo(examiner)
@@ -814,43 +755,28 @@ def too_many_bits(examiner: Examiner) -> None:
     if not examiner.sheet.has(pdo.mapping, count):
         raise NotApplicable("the mapping has too few sub-indices for more than 64 bits")
     _open(examiner, pdo)
-    examiner.refuse(
-        lambda: _map(examiner, pdo, [_parameter(longest)] * count),
-        f"{count} entries of {longest.size} bytes",
-        AbortCode.PDO_LENGTH,
-        AbortCode.NOT_MAPPABLE,
-    )
+    with examiner.refused(
+        f"{count} entries of {longest.size} bytes", AbortCode.PDO_LENGTH, AbortCode.NOT_MAPPABLE
+    ):
+        _map(examiner, pdo, [_parameter(longest)] * count)
 
 
-@case(
-    "PDO-31",
-    "7.5.2.38: missing ones by 06020000h or 06040041h, PDOMapping=0 by 06040041h.",
-    needs_mapping,
-)
+@case(_mapping, 31, "7.5.2.38: missing ones by 06020000h or 06040041h, PDOMapping=0 by 06040041h.")
 def not_mappable(examiner: Examiner) -> None:
     """Entries that cannot be mapped."""
     pdo = _pdo(examiner)
     _open(examiner, pdo)
     absent = next(i for i in range(0xFFFF, 0, -1) if i not in examiner.sheet.od.objects)
-    examiner.refuse(
-        lambda: _map(examiner, pdo, [absent << 16 | 8]),
-        f"mapping of {absent:04X}h",
-        AbortCode.NO_OBJECT,
-        AbortCode.NOT_MAPPABLE,
-    )
+    with examiner.refused(f"mapping of {absent:04X}h", AbortCode.NO_OBJECT, AbortCode.NOT_MAPPABLE):
+        _map(examiner, pdo, [absent << 16 | 8])
     plain = next((e for e in examiner.sheet.od if not e.pdo and e.size and e.readable), None)
     if plain is not None:
         write_number(examiner, pdo.mapping, 0, 0)
-        examiner.refuse(
-            lambda: _map(examiner, pdo, [_parameter(plain)]), f"mapping of {plain.name}", *_REFUSED
-        )
+        with examiner.refused(f"mapping of {plain.name}", *_REFUSED):
+            _map(examiner, pdo, [_parameter(plain)])
 
 
-@case(
-    "PDO-32",
-    "CiA 306, 4.6: wo and rww only in RPDOs, ro, const and rwr only in TPDOs.",
-    needs_mapping,
-)
+@case(_mapping, 32, "CiA 306, 4.6: wo and rww only in RPDOs, ro, const and rwr only in TPDOs.")
 def direction(examiner: Examiner) -> None:
     """Direction by access."""
     asked = 0
@@ -868,19 +794,16 @@ def direction(examiner: Examiner) -> None:
                 asked += 1
                 parameter = _parameter(entry)
                 write_number(examiner, usable[0].mapping, 0, 0)
-                examiner.refuse(
-                    partial(_map, examiner, usable[0], [parameter]),
-                    f"{kind} entry {entry.name} in a {name}",
-                    *_REFUSED,
-                )
+                with examiner.refused(f"{kind} entry {entry.name} in a {name}", *_REFUSED):
+                    _map(examiner, usable[0], [parameter])
     if not asked:
         raise NotApplicable("the EDS has no mappable entry of one direction only")
 
 
 @case(
-    "PDO-33",
+    _mapping,
+    33,
     "7.4.7.3 and CiA 306, 4.6.2: an RPDO takes those of [DummyUsage], a TPDO takes none.",
-    needs_mapping,
 )
 def dummies(examiner: Examiner) -> None:
     """Dummies."""
@@ -897,6 +820,5 @@ def dummies(examiner: Examiner) -> None:
         raise Failure("the dummy does not read as written")
     pdo = _pdo(examiner)
     _open(examiner, pdo)
-    examiner.refuse(
-        lambda: _map(examiner, pdo, [parameter]), "dummy in a TPDO", AbortCode.NO_OBJECT, *_REFUSED
-    )
+    with examiner.refused("dummy in a TPDO", AbortCode.NO_OBJECT, *_REFUSED):
+        _map(examiner, pdo, [parameter])

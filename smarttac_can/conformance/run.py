@@ -23,6 +23,7 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.host.local_bus import LocalBus
 from smarttac_can.host.node import Node
 from smarttac_can.od.cia import Abort, AbortCode
+from smarttac_can.od.object_reference import table
 
 _STEP_US: Final = 1000
 """Time in us that passes between two checks for frames."""
@@ -199,12 +200,8 @@ def _markdown(results: Sequence[Result], device: str) -> Iterator[str]:
         if not chosen:
             continue
         yield f"## {title}\n"
-        yield "| Case | Title | Rule | Verdict | Reason |"
-        yield "|---|---|---|---|---|"
-        for case, verdict, reason, _ in chosen:
-            cells = (case.number, case.title, case.rule, verdict, reason)
-            yield f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |"
-        yield ""
+        rows = [(case.number, case.title, case.rule, *found) for case, *found, _ in chosen]
+        yield from table(("Case", "Title", "Rule", "Verdict", "Reason"), *rows)
         for result in chosen:
             if result.trace:
                 yield f"Last frames of {result.case.number}:\n"

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from binascii import crc_hqx
-from functools import partial
 
-from smarttac_can.conformance.case import Failure, NotApplicable, case, needs_number
+from smarttac_can.conformance.case import Failure, Group, NotApplicable, case, needs_number
 from smarttac_can.conformance.examiner import (
     Examiner,
     address,
@@ -68,7 +67,10 @@ def alive(examiner: Examiner) -> None:
         raise Failure(f"the SDO server does not work afterwards: {error}") from error
 
 
-@case("SDO-01", "7.2.4.3.5: up to 4 bytes come in the initiate response.")
+_sdo = Group("SDO")
+
+
+@case(_sdo, 1, "7.2.4.3.5: up to 4 bytes come in the initiate response.")
 def expedited_upload(examiner: Examiner) -> None:
     """Expedited upload."""
     response = examiner.request(b"\x40" + address(DEVICE_TYPE, 0))
@@ -76,11 +78,10 @@ def expedited_upload(examiner: Examiner) -> None:
         raise Failure(f"upload of the device type answered by {response.hex(' ')}")
 
 
-@case(
-    "SDO-02",
-    "7.2.4.3.3: a value of up to 4 bytes is confirmed and then read back.",
-    needs_number,
-)
+_of_number = Group("SDO", (needs_number,))
+
+
+@case(_of_number, 2, "7.2.4.3.3: a value of up to 4 bytes is confirmed and then read back.")
 def expedited_download(examiner: Examiner) -> None:
     """Expedited download."""
     entry = number_entry(examiner)
@@ -89,11 +90,7 @@ def expedited_download(examiner: Examiner) -> None:
     read_back(examiner, entry, data)
 
 
-@case(
-    "SDO-03",
-    "7.2.4.3.3: with s = 0 the length is that of the entry.",
-    needs_number,
-)
+@case(_of_number, 3, "7.2.4.3.3: with s = 0 the length is that of the entry.")
 def expedited_download_without_size(examiner: Examiner) -> None:
     """Expedited download without size."""
     entry = number_entry(examiner)
@@ -102,10 +99,7 @@ def expedited_download_without_size(examiner: Examiner) -> None:
     read_back(examiner, entry, data)
 
 
-@case(
-    "SDO-04",
-    "7.2.4.3.5, .6: more than 4 bytes come in segments with alternating toggle.",
-)
+@case(_sdo, 4, "7.2.4.3.5, .6: more than 4 bytes come in segments with alternating toggle.")
 def segmented_upload(examiner: Examiner) -> None:
     """Segmented upload."""
     entry = _long(examiner)
@@ -126,44 +120,34 @@ def _segmented_download(examiner: Examiner, *, with_size: bool) -> None:
 
 
 @case(
-    "SDO-05",
+    _of_number,
+    5,
     "7.2.4.3.3, .4: segments are confirmed with their toggle, the value is read back.",
-    needs_number,
 )
 def segmented_download(examiner: Examiner) -> None:
     """Segmented download with size."""
     _segmented_download(examiner, with_size=True)
 
 
-@case(
-    "SDO-06",
-    "7.2.4.3.3: with s = 0 the length follows from the last segment.",
-    needs_number,
-)
+@case(_of_number, 6, "7.2.4.3.3: with s = 0 the length follows from the last segment.")
 def segmented_download_without_size(examiner: Examiner) -> None:
     """Segmented download without size."""
     _segmented_download(examiner, with_size=False)
 
 
 @case(
-    "SDO-07",
-    "7.2.4.3.6: a segment request whose toggle did not alternate is aborted by 05030000h.",
+    _sdo, 7, "7.2.4.3.6: a segment request whose toggle did not alternate is aborted by 05030000h."
 )
 def upload_toggle(examiner: Examiner) -> None:
     """Wrong toggle in an upload."""
     entry = _long(examiner)
     examiner.request(b"\x40" + address(entry.index, entry.subindex))
-    examiner.refuse(
-        lambda: examiner.request(b"\x70"), "toggle 1 in the first segment", AbortCode.TOGGLE
-    )
+    with examiner.refused("toggle 1 in the first segment", AbortCode.TOGGLE):
+        examiner.request(b"\x70")
     alive(examiner)
 
 
-@case(
-    "SDO-08",
-    "7.2.4.3.4: a segment whose toggle did not alternate is aborted by 05030000h.",
-    needs_number,
-)
+@case(_of_number, 8, "7.2.4.3.4: a segment whose toggle did not alternate is aborted by 05030000h.")
 def download_toggle(examiner: Examiner) -> None:
     """Wrong toggle in a download."""
     entry = number_entry(examiner)
@@ -171,9 +155,8 @@ def download_toggle(examiner: Examiner) -> None:
     before = upload(examiner, entry.index, entry.subindex)
     confirm(examiner.request(b"\x21" + where + b"\x04"), where)
     segment = b"\x17" + other_value_of(before)
-    examiner.refuse(
-        lambda: examiner.request(segment), "toggle 1 in the first segment", AbortCode.TOGGLE
-    )
+    with examiner.refused("toggle 1 in the first segment", AbortCode.TOGGLE):
+        examiner.request(segment)
     read_back(examiner, entry, before)
 
 
@@ -182,35 +165,24 @@ def other_value_of(data: bytes) -> bytes:
     return bytes((data[0] ^ 1,)) + data[1:]
 
 
-@case(
-    "SDO-09",
-    "7.2.4.3: a segment that belongs to no transfer is aborted by 05040001h.",
-)
+@case(_sdo, 9, "7.2.4.3: a segment that belongs to no transfer is aborted by 05040001h.")
 def segment_without_transfer(examiner: Examiner) -> None:
     """Segment without a transfer."""
     for command, what in ((0x60, "upload"), (0x00, "download")):
-        examiner.refuse(
-            partial(examiner.request, bytes((command,))),
-            f"{what} segment without a transfer",
-            AbortCode.COMMAND,
-        )
+        with examiner.refused(f"{what} segment without a transfer", AbortCode.COMMAND):
+            examiner.request(bytes((command,)))
     alive(examiner)
 
 
-@case(
-    "SDO-10",
-    "7.2.4.3.17: an unknown command specifier is aborted by 05040001h.",
-)
+@case(_sdo, 10, "7.2.4.3.17: an unknown command specifier is aborted by 05040001h.")
 def unknown_command(examiner: Examiner) -> None:
     """Unknown command."""
-    examiner.refuse(lambda: examiner.request(b"\xe0"), "command specifier 7", AbortCode.COMMAND)
+    with examiner.refused("command specifier 7", AbortCode.COMMAND):
+        examiner.request(b"\xe0")
     alive(examiner)
 
 
-@case(
-    "SDO-11",
-    "7.2.4.3.17: an abort ends the transfer and is not answered.",
-)
+@case(_sdo, 11, "7.2.4.3.17: an abort ends the transfer and is not answered.")
 def client_abort(examiner: Examiner) -> None:
     """Abort by the client."""
     entry = _long(examiner)
@@ -218,16 +190,12 @@ def client_abort(examiner: Examiner) -> None:
     examiner.request(b"\x40" + where)
     examiner.sdo_send(b"\x80" + where + AbortCode.GENERAL.to_bytes(4, "little"))
     examiner.silence(SDO_TX_ID + examiner.node_id, "answer to an abort")
-    examiner.refuse(
-        lambda: examiner.request(b"\x60"), "segment request after the abort", AbortCode.COMMAND
-    )
+    with examiner.refused("segment request after the abort", AbortCode.COMMAND):
+        examiner.request(b"\x60")
     alive(examiner)
 
 
-@case(
-    "SDO-12",
-    "7.2.4.3: an initiate request is served while an abandoned transfer is open.",
-)
+@case(_sdo, 12, "7.2.4.3: an initiate request is served while an abandoned transfer is open.")
 def abandoned_transfer(examiner: Examiner) -> None:
     """A new transfer after one left behind."""
     entry = _long(examiner)
@@ -235,10 +203,7 @@ def abandoned_transfer(examiner: Examiner) -> None:
     alive(examiner)
 
 
-@case(
-    "SDO-13",
-    "7.2.4.3.17: a server that waits in vain gives up, by 05040000h or in silence.",
-)
+@case(_sdo, 13, "7.2.4.3.17: a server that waits in vain gives up, by 05040000h or in silence.")
 def transfer_time_out(examiner: Examiner) -> None:
     """Time-out of a transfer left behind."""
     entry = _long(examiner)
@@ -272,95 +237,75 @@ def _absent_subindex(examiner: Examiner) -> tuple[int, int]:
     return item.index, max(item.entries) + 1
 
 
-@case(
-    "SDO-14",
-    "Table 22: reading and writing are aborted by 06020000h.",
-)
+@case(_sdo, 14, "Table 22: reading and writing are aborted by 06020000h.")
 def no_object(examiner: Examiner) -> None:
     """Access to an object that does not exist."""
     index = _absent_index(examiner)
     where = f"{index:04X}h"
     code = AbortCode.NO_OBJECT
-    examiner.refuse(lambda: upload(examiner, index), f"reading {where}", code)
-    examiner.refuse(lambda: download(examiner, index, 0, b"\0"), f"writing {where}", code)
+    with examiner.refused(f"reading {where}", code):
+        upload(examiner, index)
+    with examiner.refused(f"writing {where}", code):
+        download(examiner, index, 0, b"\0")
 
 
-@case(
-    "SDO-15",
-    "Table 22: reading and writing are aborted by 06090011h.",
-)
+@case(_sdo, 15, "Table 22: reading and writing are aborted by 06090011h.")
 def no_subindex(examiner: Examiner) -> None:
     """Access to a sub-index that does not exist."""
     index, subindex = _absent_subindex(examiner)
     where = f"{index:04X}h:{subindex:02X}"
     code = AbortCode.NO_SUBINDEX
-    examiner.refuse(lambda: upload(examiner, index, subindex), f"reading {where}", code)
-    examiner.refuse(lambda: download(examiner, index, subindex, b"\0"), f"writing {where}", code)
+    with examiner.refused(f"reading {where}", code):
+        upload(examiner, index, subindex)
+    with examiner.refused(f"writing {where}", code):
+        download(examiner, index, subindex, b"\0")
 
 
-@case("SDO-16", "Table 22: it is aborted by 06010002h.")
+@case(_sdo, 16, "Table 22: it is aborted by 06010002h.")
 def write_read_only(examiner: Examiner) -> None:
     """Write to a read-only entry."""
     entry = examiner.sheet.od.entry(DEVICE_TYPE)
-    examiner.refuse(
-        lambda: download(examiner, entry.index, 0, bytes(entry.size)),
-        "writing the device type",
-        AbortCode.READ_ONLY,
-    )
+    with examiner.refused("writing the device type", AbortCode.READ_ONLY):
+        download(examiner, entry.index, 0, bytes(entry.size))
 
 
-@case("SDO-17", "Table 22: it is aborted by 06010001h.")
+@case(_sdo, 17, "Table 22: it is aborted by 06010001h.")
 def read_write_only(examiner: Examiner) -> None:
     """Read of a write-only entry."""
     entry = next((e for e in examiner.sheet.od if e.access == "wo" and e.size), None)
     if entry is None:
         raise NotApplicable("the EDS has no write-only entry")
-    examiner.refuse(
-        lambda: upload(examiner, entry.index, entry.subindex),
-        f"reading {entry.name}",
-        AbortCode.WRITE_ONLY,
-    )
+    with examiner.refused(f"reading {entry.name}", AbortCode.WRITE_ONLY):
+        upload(examiner, entry.index, entry.subindex)
 
 
 @case(
-    "SDO-18",
-    "Table 22: more bytes than the entry has are aborted by 06070012h or 06070010h.",
-    needs_number,
+    _of_number, 18, "Table 22: more bytes than the entry has are aborted by 06070012h or 06070010h."
 )
 def too_long(examiner: Examiner) -> None:
     """Too many bytes."""
     entry = number_entry(examiner)
     before = upload(examiner, entry.index, entry.subindex)
-    examiner.refuse(
-        lambda: download_segments(examiner, entry.index, entry.subindex, before + b"\0"),
-        f"5 bytes to {entry.name}",
-        *_LENGTH_CODES,
-    )
+    with examiner.refused(f"5 bytes to {entry.name}", *_LENGTH_CODES):
+        download_segments(examiner, entry.index, entry.subindex, before + b"\0")
     read_back(examiner, entry, before)
 
 
 @case(
-    "SDO-19",
+    _of_number,
+    19,
     "Table 22: fewer bytes than the entry has are aborted by 06070013h or 06070010h.",
-    needs_number,
 )
 def too_short(examiner: Examiner) -> None:
     """Too few bytes."""
     entry = number_entry(examiner)
     before = upload(examiner, entry.index, entry.subindex)
-    examiner.refuse(
-        lambda: download(examiner, entry.index, entry.subindex, other_value_of(before)[:2]),
-        f"2 bytes to {entry.name}",
-        *_LENGTH_CODES,
-    )
+    with examiner.refused(f"2 bytes to {entry.name}", *_LENGTH_CODES):
+        download(examiner, entry.index, entry.subindex, other_value_of(before)[:2])
     read_back(examiner, entry, before)
 
 
-@case(
-    "SDO-20",
-    "7.2.4.3.4: fewer bytes than announced are aborted; nothing is written.",
-    needs_number,
-)
+@case(_of_number, 20, "7.2.4.3.4: fewer bytes than announced are aborted; nothing is written.")
 def size_not_kept(examiner: Examiner) -> None:
     """Announced size not kept."""
     entry = number_entry(examiner)
@@ -368,16 +313,13 @@ def size_not_kept(examiner: Examiner) -> None:
     before = upload(examiner, entry.index, entry.subindex)
     confirm(examiner.request(b"\x21" + where + b"\x04"), where)
     segment = b"\x0b" + other_value_of(before)[:2]
-    examiner.refuse(
-        lambda: examiner.request(segment), "2 bytes where 4 were announced", *_LENGTH_CODES
-    )
+    with examiner.refused("2 bytes where 4 were announced", *_LENGTH_CODES):
+        examiner.request(segment)
     read_back(examiner, entry, before)
 
 
 @case(
-    "SDO-21",
-    "7.2.4.3: an SDO has 8 bytes; shorter frames and remote frames change nothing.",
-    needs_number,
+    _of_number, 21, "7.2.4.3: an SDO has 8 bytes; shorter frames and remote frames change nothing."
 )
 def no_sdo(examiner: Examiner) -> None:
     """Frames that are no SDO."""
@@ -393,10 +335,7 @@ def no_sdo(examiner: Examiner) -> None:
     read_back(examiner, entry, before)
 
 
-@case(
-    "SDO-22",
-    "7.2.4.3.17: an abort names the index and sub-index of the request.",
-)
+@case(_sdo, 22, "7.2.4.3.17: an abort names the index and sub-index of the request.")
 def abort_names_entry(examiner: Examiner) -> None:
     """Multiplexer in an abort."""
     where = address(_absent_index(examiner), 3)
@@ -482,13 +421,13 @@ def _block_upload(examiner: Examiner, *, crc: bool) -> None:
     alive(examiner)
 
 
-@case("SDO-23", "7.2.4.3.13 to .15: 4 bytes and their CRC-CCITT.")
+@case(_sdo, 23, "7.2.4.3.13 to .15: 4 bytes and their CRC-CCITT.")
 def upload_with_crc(examiner: Examiner) -> None:
     """Block upload with CRC."""
     _block_upload(examiner, crc=True)
 
 
-@case("SDO-24", "7.2.4.3.15: without a CRC its field is 0.")
+@case(_sdo, 24, "7.2.4.3.15: without a CRC its field is 0.")
 def upload_without_crc(examiner: Examiner) -> None:
     """Block upload without CRC."""
     _block_upload(examiner, crc=False)
@@ -532,41 +471,29 @@ def _block_download(examiner: Examiner, *, crc: bool, lose: bool = False) -> Non
     read_back(examiner, entry, data)
 
 
-@case(
-    "SDO-25",
-    "7.2.4.3.9 to .11: 4 bytes with their CRC-CCITT are confirmed and read back.",
-    needs_number,
-)
+@case(_of_number, 25, "7.2.4.3.9 to .11: 4 bytes with their CRC-CCITT are confirmed and read back.")
 def download_with_crc(examiner: Examiner) -> None:
     """Block download with CRC."""
     _block_download(examiner, crc=True)
 
 
-@case(
-    "SDO-26",
-    "7.2.4.3.9: a client may have no CRC; its field is then not looked at.",
-    needs_number,
-)
+@case(_of_number, 26, "7.2.4.3.9: a client may have no CRC; its field is then not looked at.")
 def download_without_crc(examiner: Examiner) -> None:
     """Block download without CRC."""
     _block_download(examiner, crc=False)
 
 
 @case(
-    "SDO-27",
+    _of_number,
+    27,
     "7.2.4.3.10: the server acknowledges the last segment in order; the rest is sent again.",
-    needs_number,
 )
 def lost_segment(examiner: Examiner) -> None:
     """Block download with a lost segment."""
     _block_download(examiner, crc=True, lose=True)
 
 
-@case(
-    "SDO-28",
-    "7.2.4.3.11: it is aborted by 05040004h and nothing is written.",
-    needs_number,
-)
+@case(_of_number, 28, "7.2.4.3.11: it is aborted by 05040004h and nothing is written.")
 def wrong_crc(examiner: Examiner) -> None:
     """Block download with a wrong CRC."""
     entry = number_entry(examiner)
@@ -576,31 +503,23 @@ def wrong_crc(examiner: Examiner) -> None:
         raise NotApplicable("the server checks no CRC")
     _sub_block(examiner, 1, data)
     wrong = crc_hqx(data, 0) ^ 1
-    examiner.refuse(lambda: _end_download(examiner, data, wrong), "a wrong CRC", AbortCode.CRC)
+    with examiner.refused("a wrong CRC", AbortCode.CRC):
+        _end_download(examiner, data, wrong)
     if upload(examiner, entry.index, entry.subindex) != before:
         raise Failure("the value with the wrong CRC was written")
 
 
-@case(
-    "SDO-29",
-    "7.2.4.3.13: block sizes 0 and 128 are aborted by 05040002h.",
-)
+@case(_sdo, 29, "7.2.4.3.13: block sizes 0 and 128 are aborted by 05040002h.")
 def block_size(examiner: Examiner) -> None:
     """Block size out of range."""
     entry = examiner.sheet.od.entry(DEVICE_TYPE)
     for size in (0, 128):
-        examiner.refuse(
-            partial(_begin_upload, examiner, entry, crc=False, block_size=size),
-            f"block size {size}",
-            AbortCode.BLOCK_SIZE,
-        )
+        with examiner.refused(f"block size {size}", AbortCode.BLOCK_SIZE):
+            _begin_upload(examiner, entry, crc=False, block_size=size)
     alive(examiner)
 
 
-@case(
-    "SDO-30",
-    "7.2.4.3.14: after 0 the sub-block comes again; 128 is aborted by 05040003h.",
-)
+@case(_sdo, 30, "7.2.4.3.14: after 0 the sub-block comes again; 128 is aborted by 05040003h.")
 def sequence(examiner: Examiner) -> None:
     """Acknowledged sequence number."""
     _begin_upload(examiner, examiner.sheet.od.entry(DEVICE_TYPE), crc=False)
@@ -609,7 +528,6 @@ def sequence(examiner: Examiner) -> None:
     examiner.sdo_send(bytes((0xA2, 0, 127)))
     if _segments(examiner) != first:
         raise Failure("the sub-block that comes again is another one")
-    examiner.refuse(
-        lambda: examiner.request(bytes((0xA2, 128, 127))), "sequence 128", AbortCode.SEQUENCE
-    )
+    with examiner.refused("sequence 128", AbortCode.SEQUENCE):
+        examiner.request(bytes((0xA2, 128, 127)))
     alive(examiner)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from functools import partial
 from itertools import pairwise
 
 from smarttac_can.conformance.case import (
     Failure,
+    Group,
     NotApplicable,
     case,
     needs_object,
@@ -43,8 +43,12 @@ _has_period = needs_object(SYNC_PERIOD, writable=True)
 _has_counter = needs_object(SYNC_COUNTER, writable=True)
 
 
+_sync = Group("SYNC")
+
+
 @case(
-    "SYNC-01",
+    _sync,
+    1,
     "7.5.2.5: the COB-ID is that of the EDS; SYNC with it makes a TPDO of type 1 go.",
     needs_sync,
     needs_tpdo,
@@ -60,7 +64,8 @@ def consumer(examiner: Examiner) -> None:
 
 
 @case(
-    "SYNC-02",
+    _sync,
+    2,
     "7.5.2.5: SYNC is heard under a CAN-ID written while none is produced, not the old one.",
     _has_writable,
     needs_tpdo,
@@ -77,19 +82,12 @@ def new_can_id(examiner: Examiner) -> None:
     examiner.silence(can_id(examiner, pdo), "TPDO at SYNC under the old CAN-ID")
 
 
-@case(
-    "SYNC-03",
-    "Table 39: CAN-IDs of NMT, SDO and error control are refused.",
-    _has_writable,
-)
+@case(_sync, 3, "Table 39: CAN-IDs of NMT, SDO and error control are refused.", _has_writable)
 def restricted_ids(examiner: Examiner) -> None:
     """Restricted CAN-IDs."""
     for value in (0x000, 0x001, 0x101, 0x581, 0x601, 0x701):
-        examiner.refuse(
-            partial(write_number, examiner, SYNC_COB_ID, 0, value),
-            f"CAN-ID {value:03X}h for SYNC",
-            *OUT_OF_RANGE,
-        )
+        with examiner.refused(f"CAN-ID {value:03X}h for SYNC", *OUT_OF_RANGE):
+            write_number(examiner, SYNC_COB_ID, 0, value)
 
 
 def free_counter(examiner: Examiner) -> None:
@@ -110,11 +108,13 @@ def _produced(examiner: Examiner, period_ms: int = _PERIOD_MS) -> list[Arrival]:
     return periodic(examiner, examiner.sync_id, "SYNC", "period", period_ms)
 
 
+_of_producer = Group("SYNC", (_has_writable, _has_period))
+
+
 @case(
-    "SYNC-04",
+    _of_producer,
+    4,
     "7.5.2.5, .6, table 38: with bit 30 it sends SYNC every period, but not in STOPPED.",
-    _has_writable,
-    _has_period,
 )
 def producer(examiner: Examiner) -> None:
     """Producer."""
@@ -126,29 +126,17 @@ def producer(examiner: Examiner) -> None:
     examiner.silence(examiner.sync_id, "SYNC in STOPPED")
 
 
-@case(
-    "SYNC-05",
-    "7.5.2.5: bits 0 to 29 cannot be changed while bit 30 is set.",
-    _has_writable,
-    _has_period,
-)
+@case(_of_producer, 5, "7.5.2.5: bits 0 to 29 cannot be changed while bit 30 is set.")
 def can_id_fixed(examiner: Examiner) -> None:
     """CAN-ID of a producer."""
     _produce(examiner)
-    examiner.refuse(
-        lambda: write_number(examiner, SYNC_COB_ID, 0, _OTHER_ID | COB_SYNC_PRODUCER),
-        "CAN-ID of a SYNC producer",
-    )
+    with examiner.refused("CAN-ID of a SYNC producer"):
+        write_number(examiner, SYNC_COB_ID, 0, _OTHER_ID | COB_SYNC_PRODUCER)
     if number(examiner, SYNC_COB_ID) & CAN_ID_MASK != examiner.sync_id:
         raise Failure("the refused CAN-ID was taken")
 
 
-@case(
-    "SYNC-06",
-    "7.5.2.6: a period is in force within one cycle; 0 stops SYNC.",
-    _has_writable,
-    _has_period,
-)
+@case(_of_producer, 6, "7.5.2.6: a period is in force within one cycle; 0 stops SYNC.")
 def new_period(examiner: Examiner) -> None:
     """New period."""
     _produce(examiner)
@@ -162,11 +150,7 @@ def new_period(examiner: Examiner) -> None:
 
 
 @case(
-    "SYNC-07",
-    "7.5.2.21: SYNC carries a counter from 1 to the overflow value.",
-    _has_writable,
-    _has_period,
-    _has_counter,
+    _of_producer, 7, "7.5.2.21: SYNC carries a counter from 1 to the overflow value.", _has_counter
 )
 def counter(examiner: Examiner) -> None:
     """Counter of a producer."""
@@ -181,7 +165,8 @@ def counter(examiner: Examiner) -> None:
 
 
 @case(
-    "SYNC-08",
+    _sync,
+    8,
     "7.5.2.21: 1 and 241 to 255 are refused, and all while the period is not 0 (08000022h).",
     _has_counter,
 )
@@ -189,23 +174,18 @@ def overflow_value(examiner: Examiner) -> None:
     """Overflow value."""
     free_counter(examiner)
     for value in (1, 241, 255):
-        examiner.refuse(
-            partial(write_number, examiner, SYNC_COUNTER, 0, value),
-            f"overflow value {value}",
-            *OUT_OF_RANGE,
-        )
+        with examiner.refused(f"overflow value {value}", *OUT_OF_RANGE):
+            write_number(examiner, SYNC_COUNTER, 0, value)
     if not examiner.sheet.writable(SYNC_PERIOD):
         return
     write_number(examiner, SYNC_PERIOD, 0, 1000 * _PERIOD_MS)
-    examiner.refuse(
-        lambda: write_number(examiner, SYNC_COUNTER, 0, 10),
-        "overflow value while the period is not 0",
-        AbortCode.STATE,
-    )
+    with examiner.refused("overflow value while the period is not 0", AbortCode.STATE):
+        write_number(examiner, SYNC_COUNTER, 0, 10)
 
 
 @case(
-    "SYNC-09",
+    _sync,
+    9,
     "7.5.2.7: it can be set, and TPDOs within it go as before.",
     needs_object(SYNC_WINDOW, writable=True),
     needs_tpdo,
@@ -224,7 +204,8 @@ def window(examiner: Examiner) -> None:
 
 
 @case(
-    "SYNC-10",
+    _sync,
+    10,
     "7.2.7.1: a SYNC of unexpected length is reported as EMCY 8240h and starts nothing.",
     _has_counter,
     needs_emcy,

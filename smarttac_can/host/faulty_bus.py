@@ -6,12 +6,12 @@ import random
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import Enum
-from typing import Final, Protocol
+from typing import Final
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import LogHook, QueueFullError
 from smarttac_can.host.local_bus import Connection, LocalBus, Wire
-from smarttac_can.host.node import ConnectedNode, HostedNode, is_overtaken, without_queue
+from smarttac_can.host.node import HostedNode, is_overtaken, without_queue
 from smarttac_can.host.outbox import Outbox
 from smarttac_can.od.cia import CAN_ID_MASK, SYNC_ID
 from smarttac_can.vocabulary.signals import TICK_US
@@ -136,10 +136,6 @@ class Transmitter:
         return out
 
 
-class WholeNode(HostedNode, ConnectedNode, Protocol):
-    """A node with all methods that hosts need."""
-
-
 class _Controller:
     __slots__ = ("bus", "full_until", "sent")
 
@@ -182,7 +178,7 @@ class Station:
         "transmitter",
     )
 
-    def __init__(self, node: WholeNode, transmitter: Transmitter, lockstep: bool) -> None:
+    def __init__(self, node: HostedNode, transmitter: Transmitter, lockstep: bool) -> None:
         self.node = node
         self._receive = without_queue(node)
         self.transmitter = transmitter
@@ -340,7 +336,7 @@ class FaultyBus(LocalBus):
         return bool(self.disturbances) or self._babbler is not None
 
     def attach(  # type: ignore[override] # faults need all methods of a node
-        self, node: WholeNode, *, lockstep: bool = True
+        self, node: HostedNode, *, lockstep: bool = True
     ) -> Connection:
         """Attach a node and switch it on; see `LocalBus.attach`."""
         station = Station(node, Transmitter(self), lockstep)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import csv
 import errno
 import os
 import re
 import stat
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from io import BufferedReader, BufferedWriter, FileIO, TextIOWrapper
+from io import BufferedReader, BufferedWriter, FileIO, StringIO, TextIOWrapper
 from pathlib import Path
 from typing import Any, Final, TextIO
 
@@ -73,6 +74,48 @@ def read_bounded(path: Path, most: int) -> bytes:
 def too_large(path: Path, most: int) -> OSError:
     """Return the error for a file that is larger than `most` bytes."""
     return OSError(errno.EFBIG, f"is larger than {most} bytes", str(path))
+
+
+Ranges = Mapping[str, tuple[float, float]]
+"""Names of columns, with the least and the largest number in each."""
+
+
+def read_numbers(
+    path: Path, ranges: Ranges, *, most_rows: int, most_bytes: int = 1 << 20
+) -> Iterator[tuple[int, list[float]]]:
+    """Yield the line and the numbers of each row of a CSV file with exactly these columns.
+
+    Raises
+    ------
+    ValueError
+        If the header or a row is wrong, or there are more rows; the message names file and line.
+    OSError
+        As `read_bounded`.
+    """
+    text = read_bounded(path, most_bytes).decode("utf-8-sig", errors="replace")
+    rows = csv.reader(StringIO(text, newline=""))
+    try:
+        if [name.strip() for name in next(rows, [])] != list(ranges):
+            raise ValueError(f"the header is not {','.join(ranges)}")
+        for count, row in enumerate(rows):
+            if count == most_rows:
+                raise ValueError(f"there are more than {most_rows} rows")
+            if len(row) != len(ranges):
+                raise ValueError(f"{len(row)} fields are not the {len(ranges)} of the header")
+            yield rows.line_num, list(map(_number, row, ranges.items()))
+    except (ValueError, csv.Error) as error:
+        raise ValueError(f"{path}: line {max(rows.line_num, 1)}: {error}") from error
+
+
+def _number(text: str, column: tuple[str, tuple[float, float]]) -> float:
+    name, (low, high) = column
+    try:
+        number = float(text)
+    except ValueError:
+        raise ValueError(f"{name} {text.strip()!r} is not a number") from None
+    if not low <= number <= high:
+        raise ValueError(f"{name} {number:g} is outside {low:g}..{high:g}")
+    return number
 
 
 def _require_regular(path: Path, status: os.stat_result) -> None:

@@ -40,8 +40,18 @@ class Node(Protocol):
         """Leave the plate at 0 V; return the frames that report it."""
 
 
-class HostedNode(Node, Protocol):
-    """A node for a bus that may be slow and a clock that may be late."""
+class Connected(Protocol):
+    """A party whose connection to the bus may fail and recover."""
+
+    def bus_off(self) -> list[Frame]:
+        """Record that the bus is lost; the returned frames are not sent."""
+
+    def bus_recovered(self) -> list[Frame]:
+        """Record that the bus is back; return the frames that the node sends for it."""
+
+
+class HostedNode(Node, Connected, Protocol):
+    """A node for a bus that may be slow or fail, and a clock that may be late."""
 
     @property
     def clock(self) -> Clock:
@@ -65,20 +75,6 @@ class HostedNode(Node, Protocol):
 
     def transmit_failed(self) -> list[Frame]:
         """Record that an urgent frame could not be handed over in its cycle."""
-
-
-class Connected(Protocol):
-    """A party whose connection to the bus may fail and recover."""
-
-    def bus_off(self) -> list[Frame]:
-        """Record that the bus is lost; the returned frames are not sent."""
-
-    def bus_recovered(self) -> list[Frame]:
-        """Record that the bus is back; return the frames that the node sends for it."""
-
-
-class ConnectedNode(Node, Connected, Protocol):
-    """A node whose connection to the bus may fail and recover."""
 
 
 def without_queue(node: Node) -> Callable[[Frame], list[Frame]]:

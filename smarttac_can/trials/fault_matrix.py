@@ -7,6 +7,7 @@ import os
 import select
 import socket
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any, Final, Self
@@ -284,9 +285,7 @@ def _row_by_name(hold: int, row: tuple[str, bool, Mode]) -> _Result:
 
 
 def _row(case: FaultCase, mode: Mode, hold: int, channel: str | None) -> _Result:
-    if channel is None:
-        return _row_of(case, mode, hold, None)
-    with SocketCanWire(channel) as wire:
+    with nullcontext() if channel is None else SocketCanWire(channel) as wire:
         return _row_of(case, mode, hold, wire)
 
 

@@ -5,12 +5,9 @@ from __future__ import annotations
 import random
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Future, wait
-from ctypes import c_double
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields, replace
 from enum import IntEnum
-from itertools import pairwise
-from multiprocessing.sharedctypes import RawArray
+from itertools import chain, pairwise
 from pathlib import Path
 from time import perf_counter
 from typing import Any, Final, NamedTuple
@@ -21,7 +18,7 @@ from smarttac_can.od.cia import Abort, NMTCommand
 from smarttac_can.trials.fault_cases import CASES, DRIVING, TOLERATED, TRACKED, FaultCase
 from smarttac_can.trials.invariants import MOST_VIOLATIONS, Invariants, TripCause
 from smarttac_can.trials.rig import PLATE_LOST_MS, MasterTraffic, Rig
-from smarttac_can.trials.workers import sharing
+from smarttac_can.trials.workers import in_order
 from smarttac_can.vocabulary.states import Law, Mode, State, VibrationLaw
 from smarttac_can.vocabulary.watchdogs import (
     COUNTED,
@@ -305,42 +302,30 @@ def merged(reports: Sequence[SoakReport]) -> SoakReport:
     """
     if len(reports) == 1:
         return reports[0]
-    return SoakReport(
-        seed=reports[0].seed,
-        simulated_s=round(sum(r.simulated_s for r in reports), 3),
-        violated=sum(r.violated for r in reports),
-        violations=[
+    own: dict[str, Any] = {
+        "violations": [
             f"part {n} of seed {r.seed}, {line}"
             for n, r in enumerate(reports, 1)
             for line in r.violations
         ][:MOST_VIOLATIONS],
-        runs=sum(r.runs for r in reports),
-        driving_s=_seconds([r.driving_s for r in reports]),
-        friction_law_s=_seconds([r.friction_law_s for r in reports]),
-        vibration_law_s=_seconds([r.vibration_law_s for r in reports]),
-        faults=_sum([r.faults for r in reports]),
-        latched=sum(r.latched for r in reports),
-        tripped=_sum([r.tripped for r in reports]),
-        margins=largest([r.margins for r in reports]),
-        tolerated=_sum([r.tolerated for r in reports]),
-        emergencies=sum(r.emergencies for r in reports),
-        master_restarts=sum(r.master_restarts for r in reports),
-        transfers=sum(r.transfers for r in reports),
-        rss_mib=[mib for r in reports for mib in r.rss_mib],
-        fingerprint=f"{crc32(' '.join(r.fingerprint for r in reports).encode()):08x}",
-        wall_s=round(sum(r.wall_s for r in reports), 2),
-    )
+        "margins": largest([r.margins for r in reports]),
+        "rss_mib": [mib for r in reports for mib in r.rss_mib],
+        "fingerprint": f"{crc32(' '.join(r.fingerprint for r in reports).encode()):08x}",
+    }
+    added = {
+        field.name: _added([getattr(r, field.name) for r in reports])
+        for field in fields(SoakReport)
+        if field.name != "seed" and field.name not in own
+    }
+    return replace(reports[0], **own, **added)
 
 
-def _seconds(times: Sequence[dict[str, float]]) -> dict[str, float]:
-    return {name: round(sum(time[name] for time in times), 3) for name in times[0]}
-
-
-def _sum(counts: Sequence[dict[str, int]]) -> dict[str, int]:
-    total: Counter[str] = Counter()
-    for count in counts:
-        total.update(count)
-    return dict(sorted(total.items()))
+def _added(values: Sequence[Any]) -> Any:
+    """Return the sum of numbers, or of the numbers of each name."""
+    if isinstance(values[0], dict):
+        names = dict.fromkeys(chain.from_iterable(values))
+        return {name: _added([value.get(name, 0) for value in values]) for name in names}
+    return round(sum(values), 3)
 
 
 # Needed in every cycle: module constants, as looking up an enumeration member is much slower.
@@ -701,7 +686,6 @@ class Soak:
 _GOLDEN: Final = 0x9E3779B9
 """Step between the seeds of two parts: 2^32 divided by the golden ratio, so that none repeats."""
 _SEEDS: Final = 1 << 32
-_POLL_S: Final = 0.2
 
 
 class Part(NamedTuple):
@@ -739,7 +723,7 @@ def soak_in_parts(chosen: Sequence[Part], *, jobs: int = 1, progress: Progress) 
     jobs
         Number of processes that share the parts; with 1 only this process works.
     progress
-        Function that is called with the fraction that is done, 0..1.
+        Function that is called with the fraction that is done, 0..1: of several parts after each.
 
     Raises
     ------
@@ -748,42 +732,10 @@ def soak_in_parts(chosen: Sequence[Part], *, jobs: int = 1, progress: Progress) 
     BrokenProcessPool
         One of the processes was killed.
     """
-    if jobs == 1 or len(chosen) == 1:
-        return merged(list(_one_by_one(chosen, progress)))
-    return merged(_side_by_side(chosen, jobs, progress))
+    if len(chosen) == 1:
+        return Soak(*chosen[0], progress).run()
+    return merged(list(in_order(_run, chosen, jobs, progress)))
 
 
-def _one_by_one(chosen: Sequence[Part], report: Progress) -> Iterator[SoakReport]:
-    count = len(chosen)
-    for n, part in enumerate(chosen):
-        yield Soak(*part, lambda share, n=n: report((n + share) / count)).run()  # type: ignore[misc]
-
-
-def _side_by_side(chosen: Sequence[Part], jobs: int, report: Progress) -> list[SoakReport]:
-    shares = RawArray(c_double, len(chosen))
-    with sharing(min(jobs, len(chosen)), _share_with, shares) as submit:
-        results = [submit(_part, n, part) for n, part in enumerate(chosen)]
-        pending: set[Future[SoakReport]] = set(results)
-        while pending:
-            done, pending = wait(pending, _POLL_S)
-            for result in done:
-                result.result()
-            report(sum(shares) / len(chosen))
-        return [result.result() for result in results]
-
-
-_shared: Final[list[Any]] = []
-"""Array into which each process writes the fraction of its parts that is done."""
-
-
-def _share_with(shares: Any) -> None:
-    _shared.append(shares)
-
-
-def _part(n: int, part: Part) -> SoakReport:
-    (shares,) = _shared
-
-    def report(share: float) -> None:
-        shares[n] = share
-
-    return Soak(*part, report).run()
+def _run(part: Part) -> SoakReport:
+    return Soak(*part).run()

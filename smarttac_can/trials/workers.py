@@ -18,7 +18,7 @@ Outcome = TypeVar("Outcome")
 
 
 @contextmanager
-def sharing(jobs: int, begin: Callable[..., None] | None = None, *args: Any) -> Iterator[Submit]:
+def sharing(jobs: int) -> Iterator[Submit]:
     """Share work between processes in a block.
 
     The processes are killed when the block ends early, by Ctrl-C or by an error, and when this
@@ -28,8 +28,6 @@ def sharing(jobs: int, begin: Callable[..., None] | None = None, *args: Any) -> 
     ----------
     jobs
         Number of processes, 1 or more.
-    begin, args
-        Function that each process calls first, and its arguments.
 
     Yields
     ------
@@ -38,7 +36,7 @@ def sharing(jobs: int, begin: Callable[..., None] | None = None, *args: Any) -> 
     """
     others = set(active_children())
     # Spawned, as a fork would copy the threads of the caller in an unknown state.
-    pool = ProcessPoolExecutor(jobs, get_context("spawn"), _begin, (begin, args))
+    pool = ProcessPoolExecutor(jobs, get_context("spawn"), end_with_parent)
 
     def submit(work: Callable[..., Any], *args: Any) -> Future[Any]:
         with _interrupts_held():
@@ -55,12 +53,6 @@ def sharing(jobs: int, begin: Callable[..., None] | None = None, *args: Any) -> 
                 for process in set(active_children()) - others:
                     process.kill()
             pool.shutdown(cancel_futures=True)
-
-
-def _begin(begin: Callable[..., None] | None, args: tuple[Any, ...]) -> None:
-    end_with_parent()
-    if begin is not None:
-        begin(*args)
 
 
 @contextmanager

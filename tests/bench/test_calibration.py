@@ -238,16 +238,16 @@ def test_a_plan_is_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "line 1 is not mass_g,angle_deg,azimuth_deg,x_mm"),
-        ("mass,angle\n", "line 1 is not"),
+        ("", "line 1: the header is not mass_g,angle_deg,azimuth_deg,x_mm"),
+        ("mass,angle\n", "line 1: the header is not"),
         (HEAD, "no weighing"),
-        (HEAD + "200,30,0\n", "line 2 has 3 of 4 fields"),
+        (HEAD + "200,30,0\n", "line 2: 3 fields are not the 4 of the header"),
         (HEAD + "1,0,0,0\nten,0,0,0\n", "line 3: mass_g 'ten' is not a number"),
         (HEAD + "801,0,0,0\n", "line 2: mass_g 801 is outside 1..800"),
         (HEAD + "nan,0,0,0\n", "mass_g nan is outside"),
         (HEAD + "200,61,0,0\n", "angle_deg 61 is outside 0..60"),
         (HEAD + "200,0,0,39\n", "x_mm 39 is outside -38..38"),
-        (HEAD + "1,0,0,0\n" * 101, "more than 100 weighings"),
+        (HEAD + "1,0,0,0\n" * 101, "line 102: there are more than 100 rows"),
         (HEAD + '"' + ("a" * 150 + "\n") * 1000, "line [0-9]+: field larger than field limit"),
     ],
 )

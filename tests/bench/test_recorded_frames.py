@@ -6,7 +6,7 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
-from smarttac_can.bench.recorded_frames import Gap, RecordedPdo, RowReader
+from smarttac_can.bench.recorded_frames import Missing, RecordedPdo, RowReader
 from smarttac_can.bench.simulation import stimulator_od
 from smarttac_can.host.frame_log import FRAME, RECORD, Records
 
@@ -76,7 +76,7 @@ def test_each_lost_frame_is_a_gap_of_its_cycle(clocked: bool) -> None:
     for begin in range(0, 2000, 250):
         piece = [f for sent in frames[begin : begin + 250] for f in sent]
         got += take(reading, piece, last=begin == 1750)
-    named = {t for gap in reading.gaps for t in range(gap.first, gap.last + 1)}
+    named = {t for gap in reading.gaps for t in range(gap.first_tick, gap.last_tick + 1)}
     # What is beside a loss may be of two cycles.
     assert lost <= named <= {tick + by for tick in lost for by in (-1, 0, 1)}
     assert got == [tick for tick in range(2000) if tick not in named]
@@ -87,7 +87,7 @@ def test_the_halves_of_two_cycles_are_no_row() -> None:
     reading = reader()
     frames = [*cycle(5), *cycle(6), *first[:2], *second[:1], *second[2:], *cycle(9), *cycle(10)]
     assert take(reading, frames) == [5, 10]
-    assert reading.gaps == [Gap(0, 6, 9, 10 * MS)]
+    assert reading.gaps == [Missing(0, 6, 9, 4, 10 * MS)]
 
 
 @pytest.mark.parametrize("begin", [0, 1, 2, 3])
@@ -101,7 +101,7 @@ def test_a_loss_that_begins_and_ends_within_a_cycle_mixes_none(begin: int, end: 
     assert got[-2:] == [22, 23]
     assert len(reading.gaps) == 1
     gap = reading.gaps[0]
-    assert got == [*range(5, gap.first), *range(gap.last + 1, 24)]
+    assert got == [*range(5, gap.first_tick), *range(gap.last_tick + 1, 24)]
 
 
 def test_what_event_timers_repeat_is_no_row() -> None:
@@ -132,7 +132,7 @@ def test_a_gap_longer_than_the_tick_counts_is_told_by_the_clock(seconds: int) ->
     take(reading, cycle(99) + cycle(100), last=False)
     later = 100 + seconds * 1000
     assert take(reading, cycle(later - 1, later) + cycle(later)) == [later]
-    assert [(gap.first, gap.last) for gap in reading.gaps] == [(100, later - 1)]
+    assert [(gap.first_tick, gap.last_tick) for gap in reading.gaps] == [(100, later - 1)]
 
 
 def test_in_lockstep_the_clock_says_nothing_of_ticks() -> None:

@@ -636,7 +636,7 @@ def test_what_never_ends_is_not_waited_for(head: dict[str, Any]) -> None:
     end = many[:1].copy()
     end["kind"] = MARK_END
     frames.take(end, last=True)
-    assert [len(dated.event.text) for dated in frames.events] == [4008]
+    assert [len(event.text) for event in frames.events] == [4008]
 
 
 def test_frames_without_the_end_of_a_cycle_are_not_gathered(head: dict[str, Any]) -> None:

@@ -88,7 +88,7 @@ def test_textures_are_read_without_this_package(tmp_path: Path) -> None:
 def test_a_texture_that_was_refused_is_not_in_it(tmp_path: Path) -> None:
     with Stimulator.simulate() as bench, bench.record(tmp_path / "run.h5") as recording:
         with pytest.raises(BenchError):
-            bench._link.write_table("Texture table.Table 1", GRATING.table.pack()[:-1])
+            bench._link.write("Texture table.Table 1", GRATING.table.pack()[:-1])
         bench.run(0.01)
     assert recording.summary is not None
     assert recording.summary.textures == 0

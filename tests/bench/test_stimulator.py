@@ -476,9 +476,6 @@ class ScriptedLink:
     def read(self, name: str) -> int:
         return 0
 
-    def text(self, name: str) -> str:
-        return ""
-
     def write(self, name: str, raw: int) -> None: ...
 
     def snapshot(self) -> Snapshot:

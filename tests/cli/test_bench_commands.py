@@ -576,7 +576,7 @@ def test_what_does_not_fit_is_not_written(laboratory: Laboratory, tmp_path: Path
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("mass\n", "plan.csv: line 1 is not mass_g,angle_deg,azimuth_deg,x_mm"),
+        ("mass\n", "plan.csv: line 1: the header is not mass_g,angle_deg,azimuth_deg,x_mm"),
         (PLAN.replace("200,0,0,20", "200,0,0,99"), "line 3: x_mm 99 is outside -38..38"),
     ],
 )

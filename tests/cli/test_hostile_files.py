@@ -357,7 +357,7 @@ def test_nothing_that_a_terminal_obeys_reaches_it(tmp_path: Path) -> None:
     assert "does not suit the device" in error
     finger = tmp_path / "finger.csv"
     finger.write_text(f"{HEADER}0,0,{COLOUR}\n")
-    assert refusal(*SOME, "--finger", finger).endswith("to float: '\\x1b[31m'")
+    assert refusal(*SOME, "--finger", finger).endswith("Fn_N '\\x1b[31m' is not a number")
 
 
 def test_a_value_of_3_mb_is_told_in_500_characters(tmp_path: Path) -> None:

@@ -175,7 +175,7 @@ def test_the_faults_outlive_a_power_cut_where_there_is_storage(
         until(file.exists)
         node.process.kill()
     with processes(multicast, command), Stimulator.connect(**multicast) as bench:
-        fault = bench._link.text("Fault memory.Fault 1")
+        fault = bench._link.read("Fault memory.Fault 1")
         assert fault.startswith("8131h the heartbeat of a watched node is lost; mode open loop, ")
         assert "Voltage 20000 mV" in fault
         assert bench.state is not State.FAULT, "the memory is not the latch"

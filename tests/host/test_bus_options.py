@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from smarttac_can.bench.network import TappedNetwork
-from smarttac_can.cli.shared import BusChoice
+from smarttac_can.cli.shared import BusChoice, closing_network
 from smarttac_can.host.python_can import PythonCanBus, kept_here
 from smarttac_can.timing.loop_run import require_quiet
 
@@ -97,7 +97,8 @@ def test_nobody_of_us_sends_out_of_this_computer(
     network.disconnect()
     own = ("interface", "channel")
     others = {key: value for key, value in multicast.items() if key not in own}
-    BusChoice(*(multicast[key] for key in own), None, others).open_network().disconnect()
+    with closing_network(BusChoice(*(multicast[key] for key in own), None, others)):
+        pass
     require_quiet(multicast)
     assert hops == [0] * 5
 
