@@ -21,6 +21,10 @@ HEARTBEAT_S = 1.0
 TOKEN = "secret"
 
 
+def refuse(constant: str) -> None:
+    raise AssertionError(f"a browser does not read {constant}")
+
+
 class Page:
     """An open page that answers what it gets, unless it is told to fall silent."""
 
@@ -33,7 +37,7 @@ class Page:
 
     async def follow(self) -> None:
         async for message in self.socket:
-            update = json.loads(message.data)
+            update = json.loads(message.data, parse_constant=refuse)
             if "n" not in update:
                 self.introduction = update
                 continue
