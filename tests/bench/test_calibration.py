@@ -11,7 +11,6 @@ from smarttac_can.bench import (
     BenchError,
     Calibration,
     Placing,
-    RefusedError,
     State,
     Stimulator,
     Weighing,
@@ -205,11 +204,6 @@ def test_a_weight_in_the_wrong_place_is_found_in_a_rehearsal(bench: Stimulator) 
 def test_a_weight_that_is_no_placing(bench: Stimulator) -> None:
     with pytest.raises(ValueError, match=r"placing \(200, 30\) is no Placing"):
         bench.finger.put((200, 30))  # type: ignore[arg-type]
-
-
-def test_a_weight_that_the_simulated_plate_does_not_take(bench: Stimulator) -> None:
-    with pytest.raises(RefusedError, match=r"Weight.Normal force: .* 0 to 8000 mN"):
-        bench.finger.put(Placing(900, 0, 0, 0))
 
 
 def test_a_null_below_the_step_of_its_object_is_none(bench: Stimulator) -> None:

@@ -147,6 +147,7 @@ def test_each_array_has_one_public_name():
         ("fig5", -1, [(0,) * 8], "subject -1 is below 0"),
         ("fig5", 0, [(0,) * 7], "has 7 values, not 10, or 8 without"),
         ("fig5", 0, [(0,) * 7 + (0.5,)], "are no table of integers"),
+        ("fig5", 0, [(2**63,) * 10], "are no table of integers"),  # it would become negative
         ("fig5", 0, [(1,) + (0,) * 7, (1,) + (0,) * 7], "do not increase"),
         ("fig5", 0, [], "are no table of integers"),
     ],
