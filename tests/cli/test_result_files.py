@@ -121,12 +121,12 @@ def test_what_is_empty_or_hidden_is_no_result(tmp_path: Path) -> None:
 def test_force_leaves_nothing_of_the_run_before_and_all_that_is_not_of_one(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     folder = tmp_path / "run"
-    succeed("reproduce", "fig7", "--link", "bus", "--output", folder)
+    succeed("reproduce", "fig5", "--link", "bus", "--output", folder)
     succeed("report", folder)
-    assert {"candump.log", "fig7.png", "index.html"} <= set(content(folder))
+    assert {"candump.log", "fig5.png", "index.html"} <= set(content(folder))
     (folder / "notes.txt").write_text("mine")
-    refusal("reproduce", "fig5", "--output", folder)
-    succeed("reproduce", "fig5", "--output", folder, "--force")
+    refusal("reproduce", "fig3", "--output", folder)
+    succeed("reproduce", "fig3", "--output", folder, "--force")
     assert set(content(folder)) == {"results.json", "traces.csv", "notes.txt"}
 
 
@@ -136,19 +136,6 @@ def test_force_at_a_file(tmp_path: Path) -> None:
     succeed("eds", "show", "plate", "--force", "--output", file)
     assert run("eds", "show", "plate").stdout_bytes == file.read_bytes()
     assert set(content(tmp_path)) == {"plate.eds"}
-
-
-@pytest.mark.usefixtures("compiled_once")
-def test_a_campaign_draws_png_and_svg_over_an_older_one(tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib")
-    few = ("campaign", "--fingers", "2", "--output", tmp_path / "out")
-    succeed(*few)
-    first = content(tmp_path / "out")
-    assert set(first) == {"campaign.json", "fingers.csv", "campaign.png", "campaign.svg"}
-    refusal(*few, "--seed", "2")
-    assert content(tmp_path / "out") == first
-    succeed(*few, "--seed", "2", "--force")
-    assert content(tmp_path / "out")["fingers.csv"] != first["fingers.csv"]
 
 
 def fail(folder: Path) -> None:
