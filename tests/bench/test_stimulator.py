@@ -18,8 +18,7 @@ from smarttac_can.bench import (
     Stimulator,
     VibrationLaw,
 )
-from smarttac_can.bench.link import Row, Snapshot
-from smarttac_can.bench.simulation import LinkName, LocalLink, simulated_block, stimulator_od
+from smarttac_can.bench.simulation import LinkName, LocalLink, simulated_block
 from smarttac_can.vocabulary.faults import FaultKind
 from smarttac_can.vocabulary.states import Control, State
 from smarttac_can.vocabulary.watchdogs import Watchdog
@@ -368,45 +367,25 @@ def test_the_age_of_a_reading_is_that_of_its_oldest_value(inside: bool) -> None:
         assert bench.read().age == 0.0
 
 
-class ScriptedLink:
-    """A link that plays rows."""
-
-    only_read = False
-
-    def __init__(self, ticks: list[int]) -> None:
-        self._rows: list[Row] = [(tick, 0, 0, 0, 0, 0, 0, 0) for tick in ticks]
-
-    def run(self, cycles: int, rows: list[Row], interrupted: Callable[[], bool]) -> None:
-        rows += self._rows
-
-    def read(self, name: str) -> int:
-        return 0
-
-    def text(self, name: str) -> str:
-        return ""
-
-    def write(self, name: str, raw: int) -> None: ...
-
-    def snapshot(self) -> Snapshot:
-        return Snapshot({}, 0.0)
-
-    def start_run(self) -> None: ...
-
-    def close(self) -> None: ...
+def scripted(bench: Stimulator, ticks: list[int]) -> None:
+    """Have a run get rows of these ticks."""
+    rows = [(tick, 0, 0, 0, 0, 0, 0, 0) for tick in ticks]
+    bench._link.run = lambda _cycles, into, _interrupted=None: into.extend(rows)  # type: ignore[method-assign]
 
 
 def test_ticks_go_on_rising_beyond_16_bits() -> None:
-    ticks = [65_533, 65_535, 0, 1, 40_000, 65_535, 3]
-    bench = Stimulator(ScriptedLink(ticks), stimulator_od())
-    expected = [65_533, 65_535, 65_536, 65_537, 105_536, 131_071, 131_075]
-    assert bench.run(0.007).tick.tolist() == expected
+    with Stimulator.simulate("local") as bench:
+        scripted(bench, [65_533, 65_535, 0, 1, 40_000, 65_535, 3])
+        expected = [65_533, 65_535, 65_536, 65_537, 105_536, 131_071, 131_075]
+        assert bench.run(0.007).tick.tolist() == expected
 
 
 def test_a_run_of_which_most_is_lost() -> None:
-    bench = Stimulator(ScriptedLink([0, 1, 2]), stimulator_od())
-    assert bench.run(0.006).lost == 0
-    with pytest.raises(NotRunningError, match=r"4 of 7 cycles were lost: is this machine"):
-        bench.run(0.007)
+    with Stimulator.simulate("local") as bench:
+        scripted(bench, [0, 1, 2])
+        assert bench.run(0.006).lost == 0
+        with pytest.raises(NotRunningError, match=r"4 of 7 cycles were lost: is this machine"):
+            bench.run(0.007)
 
 
 def test_identify(bench: Stimulator) -> None:
