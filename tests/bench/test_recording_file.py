@@ -10,7 +10,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import can
 import h5py
 import numpy as np
 import pandas as pd
@@ -386,20 +385,6 @@ def test_the_command_names_the_recovery_where_the_disk_is_full(
     assert result.stderr.splitlines()[-1] == (
         f"Error: {path}.log takes no more: No space left on device; what was recorded is in it: "
         f"make room, then smarttac record --recover {path}.log {path} makes the file"
-    )
-
-
-@pytest.mark.usefixtures("simulated")
-def test_the_command_says_what_there_is_where_the_raw_log_found_the_disk_full(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(can.ASCWriter, "on_message_received", full)
-    path, raw = tmp_path / "run.h5", tmp_path / "run.asc"
-    result = run("record", path, "--raw", raw, "--seconds", "0.1")
-    assert result.exit_code == 1
-    assert result.stderr.splitlines()[-1] == (
-        f"Error: {raw} takes no more: No space left on device; "
-        f"{path} holds what was recorded until then"
     )
 
 
