@@ -13,8 +13,8 @@ from time import monotonic, sleep, time
 from urllib.parse import urlsplit
 
 import pytest
-from conftest import GUARD_S, MEASURED, Tab, chromium, served
-from nodes_on_a_bus import NodeProcess
+from conftest import MEASURED, Tab, chromium, served
+from nodes_on_a_bus import GUARD_S, NodeProcess
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import Select
 

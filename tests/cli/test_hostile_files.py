@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import pytest
 from commands import refusal, run
-from nodes_on_a_bus import processes
+from nodes_on_a_bus import GUARD_S, processes
 
 from smarttac_can.host.files import read_eds
 
@@ -18,7 +18,6 @@ VIRTUAL = ("--interface", "virtual", "--channel", "hostile")
 MIB = 1 << 20
 SLACK = MIB // 4
 """Bytes that are read besides the hostile file: our own EDS files, and what the system tells."""
-GUARD_S = 60.0
 IN_FORKS = """
 import json, os, resource, sys, tempfile, time
 import click

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 from interrupts import interrupted
+from nodes_on_a_bus import GUARD_S, until
 
 from smarttac_can.cli.nodes import read_finger
 from smarttac_can.device.device import Device
@@ -341,9 +342,6 @@ def test_a_directory_in_the_place_of_the_new_file_is_refused_in_one_line(tmp_pat
 # Lines that are kept in a file, by a thread, at most so often.
 
 
-GUARD_S = 60.0
-
-
 def never(error: OSError) -> None:
     raise AssertionError(error)
 
@@ -397,9 +395,7 @@ def test_a_file_that_fails_is_said_once_and_tried_again(tmp_path: Path) -> None:
     lines: tuple[str, ...] = ()
     with FaultFile(file, lambda: lines, said.append, 0.01):
         lines = ("fault",)
-        end = time.monotonic() + GUARD_S
-        while not said:
-            assert time.monotonic() < end
+        until(lambda: said)
         time.sleep(0.05)
         folder.mkdir()
     assert len(said) == 1

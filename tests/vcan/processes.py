@@ -6,10 +6,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+from nodes_on_a_bus import GUARD_S
+
 CHANNEL = "vcan0"
 PLATE_ID = 33
-GUARD_S = 60.0
-"""Only ever waited for by a test that is about to fail."""
 
 
 def is_up(interface: str) -> bool:
