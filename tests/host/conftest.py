@@ -17,14 +17,6 @@ from smarttac_can.host.node import HostedNode
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.host.runner import run_node
 
-GROUP = "239.74.163.2"
-
-
-@pytest.fixture
-def multicast_port(multicast: dict[str, Any]) -> int:
-    """A port that no other test run uses."""
-    return int(multicast["port"])
-
 
 @pytest.fixture(autouse=True)
 def leaves_nothing() -> Iterator[None]:

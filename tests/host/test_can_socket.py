@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from time import monotonic
+from typing import Any
 
 import can
 import msgpack
@@ -15,7 +16,7 @@ from can.interfaces.socketcan.constants import CAN_RTR_FLAG
 from can.interfaces.socketcan.socketcan import build_can_frame, dissect_can_frame
 from can.interfaces.udp_multicast import UdpMulticastBus
 from can.interfaces.udp_multicast.utils import pack_message, unpack_message
-from conftest import GROUP, GUARD_S
+from conftest import GUARD_S
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -414,17 +415,19 @@ class KernelFilters(SocketcanBus):
         self.asked.append(filters)
 
 
-def test_only_an_interface_whose_bytes_are_known_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_an_interface_whose_bytes_are_known_is_used(
+    multicast: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
     with can.Bus("toy", "virtual") as bus:
         assert open_socket(bus, "toy") is None
     monkeypatch.setattr(can_socket, "_NOW", 0)
-    with can.Bus(GROUP, "udp_multicast") as bus:
-        assert open_socket(bus, GROUP) is None, "a system whose sockets cannot but wait"
+    with can.Bus(**multicast) as bus:
+        assert open_socket(bus, "") is None, "a system whose sockets cannot but wait"
 
 
-def test_python_can_on_the_same_group(multicast_port: int) -> None:
-    ours = PythonCanBus("udp_multicast", GROUP, port=multicast_port)
-    with can.Bus(GROUP, "udp_multicast", port=multicast_port) as theirs:
+def test_python_can_on_the_same_group(multicast: dict[str, Any]) -> None:
+    ours = PythonCanBus(**multicast)
+    with can.Bus(**multicast) as theirs:
         frames = [Frame(0x7FF, bytes(range(8))), Frame(0), Frame(0x181, rtr=True)]
         for frame in frames:
             ours.send(frame)
@@ -440,16 +443,20 @@ def test_python_can_on_the_same_group(multicast_port: int) -> None:
 
 @pytest.mark.parametrize("context", [None, "LAB"])
 def test_group_of_the_configuration(
-    context: str | None, multicast_port: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    context: str | None,
+    multicast: dict[str, Any],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
 ) -> None:
+    group, port = multicast["channel"], multicast["port"]
     monkeypatch.setenv("HOME", str(tmp_path))
     if context:
-        (tmp_path / ".canrc").write_text(f"[LAB]\ninterface = udp_multicast\nchannel = {GROUP}\n")
-        configured = PythonCanBus(config_context=context, port=multicast_port)
+        (tmp_path / ".canrc").write_text(f"[LAB]\ninterface = udp_multicast\nchannel = {group}\n")
+        configured = PythonCanBus(config_context=context, port=port)
     else:
-        monkeypatch.setenv("CAN_CHANNEL", GROUP)
-        configured = PythonCanBus("udp_multicast", port=multicast_port)
-    named = PythonCanBus("udp_multicast", GROUP, port=multicast_port)
+        monkeypatch.setenv("CAN_CHANNEL", group)
+        configured = PythonCanBus("udp_multicast", port=port)
+    named = PythonCanBus(**multicast)
     configured.send(Frame(1))
     assert named.receive(GUARD_S) == Frame(1)
     configured.close()

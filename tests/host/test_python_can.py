@@ -8,7 +8,7 @@ from typing import Any
 
 import can
 import pytest
-from conftest import GROUP, GUARD_S
+from conftest import GUARD_S
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from toy_node import SYNC
@@ -148,7 +148,7 @@ def test_a_full_queue_is_one_for_as_long_as_it_lasts(
     ],
 )
 def test_a_socket_says_at_once_whether_its_queue_is_full_or_its_bus_lost(
-    multicast_port: int, monkeypatch: pytest.MonkeyPatch, number: int, kind: type[BusError]
+    multicast: dict[str, Any], monkeypatch: pytest.MonkeyPatch, number: int, kind: type[BusError]
 ) -> None:
     class Refusing:
         def sendto(self, *_: object) -> None:
@@ -157,7 +157,7 @@ def test_a_socket_says_at_once_whether_its_queue_is_full_or_its_bus_lost(
         def close(self) -> None:
             """Do nothing."""
 
-    connection = PythonCanBus("udp_multicast", GROUP, port=multicast_port)
+    connection = PythonCanBus(**multicast)
     assert connection._socket is not None
     with connection._socket._socket:
         monkeypatch.setattr(connection._socket, "_socket", Refusing())
@@ -169,11 +169,12 @@ def test_a_socket_says_at_once_whether_its_queue_is_full_or_its_bus_lost(
     connection.close()
 
 
-@pytest.mark.parametrize(("interface", "channel"), [("virtual", "toy"), ("udp_multicast", GROUP)])
+@pytest.mark.parametrize("bus_of_sockets", [False, True])
 def test_a_frame_that_comes_later_is_waited_for(
-    interface: str, channel: str, multicast_port: int
+    bus_of_sockets: bool, virtual: dict[str, Any], multicast: dict[str, Any]
 ) -> None:
-    mine, other = (PythonCanBus(interface, channel, port=multicast_port) for _ in range(2))
+    options = multicast if bus_of_sockets else virtual
+    mine, other = PythonCanBus(**options), PythonCanBus(**options)
     later = threading.Timer(0.05, other.send, [SYNC])
     later.start()
     heard = mine.receive(GUARD_S)
