@@ -20,7 +20,6 @@ from smarttac_can.bench import (
     stimulator_od,
     write_csv,
 )
-from smarttac_can.bench.simulation import LinkName
 
 TRACE = Trace.from_rows("a", 0, [(k, *range(9)) for k in range(3)])
 Act = Callable[[Any], object]
@@ -58,74 +57,43 @@ SENSELESS: list[tuple[Act, str]] = [
     # Another kind of unit, or none.
     (
         writes("Setpoint.Voltage", "80 N"),
-        "^Setpoint.Voltage '80 N' is not a number with a unit like mV$",
+        "'80 N' is not a number with a unit like mV$",
     ),
-    (
-        writes("Setpoint.Voltage", "80"),
-        "^Setpoint.Voltage '80' is not a number with a unit like mV$",
-    ),
-    (writes("Setpoint.Amplitude", "half a um"), "'half a um' is not a number with a unit like nm$"),
-    (writes("Setpoint.COF left", "0.3 N"), "^Setpoint.COF left '0.3 N' is not a number$"),
     (writes("Mode", "off"), "^Mode 'off' is not a number$"),
     (lambda bench: bench.get("Setpoint.Voltage", "N"), "^'N' is not a unit like mV$"),
     (lambda bench: bench.get("Setpoint.Voltage", 5), "^5 is not a unit like mV$"),
     (puts("voltage", "20"), "Voltage '20' is no number with a unit like"),
-    (puts("voltage", "nan V"), "'nan V' is no number with a unit li"),
-    (puts("amplitude", "1 V"), "'1 V' is no number with a unit like um"),
     (puts("cof", ("30 %", "1 N")), "cof '1 N' is no number or percent"),
-    (puts("cof", (0.2, "x")), "cof 'x' is no number or percentage"),
     # Not finite, or no number.
     (puts("voltage", float("nan")), "nan is not a finite number"),
     (puts("voltage", None), "Voltage None is not a finite number"),
-    (puts("voltage", 10**400), "0 is not a finite number"),
     (puts("texture_slot", 10**400), "^Texture.Slot 10+ is not a fin"),
     (puts("cof", None), "cof None is not a finite number"),
     (puts("cof", (1, 2, 3)), r"cof \(1, 2, 3\) is neither a"),
     # Choices.
     (puts("mode", 9), "mode 9 is none of off, open_loop"),
     (puts("mode", "fast"), "mode 'fast' is none of off, open_loop, amplitude"),
-    (puts("law", None), "law None is none of measured"),
-    (puts("law", "new"), "law 'new' is none of measured, accumulate, nominal, predictive"),
+    (puts("law", None), "law None is none of measured, accumulate, nominal, predictive"),
+    (puts("vibration_law", "lqr"), "^vibration law 'lqr' is none of pi, scheduled, pred"),
     # What would be rounded to nothing.
     (puts("voltage", "80 nV"), "^Setpoint.Voltage 80 nV would become 0: it goes in steps of 10 mV"),
-    (puts("voltage", 80e-9), "^Setpoint.Voltage 8e-08 V would become 0: it goes in steps of 10 mV"),
-    (puts("boundary", "-4 um"), "^Setpoint.Boundary -4 um would"),
+    (writes("Setpoint.Voltage", 4), "^Setpoint.Voltage 4.0 mV would become 0: it goes in steps of"),
     (puts("cof", (0.3, 1e-6)), r"^Setpoint\.COF right 1e-06 is below 0\.05, its"),
-    (
-        writes("Setpoint.Voltage", 4),
-        "^Setpoint.Voltage 4.0 mV would become 0: it goes in steps of 10",
-    ),
-    (
-        writes("Setpoint.Amplitude", "1 pm"),
-        "^Setpoint.Amplitude 1 pm would become 0: .* steps of 1 nm",
-    ),
-    (writes("Simulation.Seed", 0.3), "^Simulation.Seed 0.3 would become 0: it goes in steps of 1"),
     (writes("Limit.Voltage", -1), "^Limit.Voltage -1.0 mV is below 0 mV, its lowest value$"),
-    (writes("Simulation.Subject", 0.3), "^Simulation.Subject 0.3 is below 1, its lowest value$"),
     # Runs and samples.
-    *(
-        (runs(s), rf"^seconds {s} is outside 0\.001\.\.604800$")
-        for s in (0.0, 0.0004, -1.0, 604_801.0)
-    ),
-    (runs(1e308), r"^seconds 1e\+308 is outside 0\.001\.\.604800$"),
-    (runs(float("nan")), "seconds nan is not a finite number"),
+    *((runs(s), rf"^seconds {s} is outside 0\.001\.\.604800$") for s in (0.0004, 604_801.0)),
     (runs("1"), "seconds '1' is not a finite number"),
     (runs(0.1, experiment="Trial-1"), "^experiment 'Trial-1' is not made of a-z 0-9 . _$"),
     (runs(0.1, experiment=None), "^experiment None is not made of a-z 0-9 . _$"),
     (runs(0.1, experiment=101 * "x"), "^experiment of 101 characters is outside 1..100$"),
     (runs(0.1, subject=-1), "^subject -1 is below 0$"),
-    (runs(0.1, subject=1.5), "^subject 1.5 is no integer$"),
     (runs(0.1, subject=True), "^subject True is no integer$"),
-    (runs(0.1, subject="1"), "^subject '1' is no integer$"),
     (samples(["Plate input.S1"], 0), r"count 0 is no integer of 1 or more"),
-    (samples(["Plate input.S1"], 2.5), r"count 2\.5 is no integer of 1 or more"),
     (samples("Plate input.S1", 3), r"names 'Plate input\.S1' are no list of names of objects"),
     (samples([], 3), r"names \[\] are no list of names of objects"),
     # The finger.
     (strokes(1.5), r"^subject 1\.5 is no integer$"),
-    (strokes("2"), "^subject '2' is no integer$"),
     (strokes(3, force="500"), "^force '500' is no number with a unit like N$"),
-    (strokes(3, travel=None), "^travel None is not a finite number$"),
     (surrounds(seed=1.5), r"^seed 1\.5 is no integer$"),
     (
         surrounds(seed=9, drive_instant="1 V"),
@@ -141,19 +109,15 @@ UNKNOWN: list[tuple[Act, str]] = [
 REFUSED: list[tuple[Act, str]] = [
     (
         writes("Setpoint.Voltage", 200_010),
-        "^cannot write .* 06090031: value written too high: 0 to 200000 mV",
+        "^cannot write .* to Setpoint.Voltage: abort 06090031: value written too high: 0 to 200000",
     ),
-    (
-        writes("Setpoint.Voltage", 1e9),
-        "^cannot write .* to Setpoint.Voltage: abort 06090031: value",
-    ),
-    (writes("Setpoint.Voltage", "201 V"), "abort 06090031: value written too high: 0 to 200000 mV"),
     (writes("Setpoint.Voltage", -10), "abort 06090032: value written too low"),
-    (writes("Setpoint.COF left", 0.0499), "abort 06090032: value written too low"),
     (writes("Limit.Lowest frequency", 44_500), "abort 06090030: invalid value for parameter"),
     (writes("Statusword", 1), "abort 06010002: attempt to write a read only object"),
-    (writes("Finger.Motion", 2), "abort 08000022"),
-    (raw("Setpoint.Voltage", 20_001), "^cannot write 200010 mV to .* too high: 0 to 200000 mV$"),
+    (
+        lambda bench: bench.finger.play_recording(),
+        r"abort 08000022: .*started without a recording, --finger FILE$",
+    ),
     (raw("Setpoint.Voltage", -1), "^cannot write -10 mV to .* too low: 0 to 200000 mV$"),
     (raw("Mode", 9), "^cannot write 9 to Mode: abort 06090031: value written too high: 0 to 6$"),
     (
@@ -161,14 +125,8 @@ REFUSED: list[tuple[Act, str]] = [
         "^cannot read Simulation.Start run: abort 06010001",
     ),
     (puts("cof", (0.3, 5)), r"Setpoint\.COF right"),
-    (puts("cof", (5, 0.3)), r"Setpoint\.COF left"),
     (strokes(10), "060900"),
-    (strokes(1, force=0.04), "060900"),
-    (strokes(1, force=2.01), "060900"),
-    (strokes(1, speed=4.0), "060900"),
-    (strokes(1, travel=51.0), "060900"),
     (strokes(3, force=0.6, speed=1000), r"Finger\.Speed: abort 06090031.*: 5 to 300 mm/s$"),
-    (strokes(3, force=0.6, speed_variation=0.6), r"Finger\.Speed variation: abort 06090031"),
     (surrounds(seed=9, temperature=1000), r"Simulation\.Ambient temperature: abort 06090031"),
     (
         lambda bench: bench.finger.put(Placing(500.0, 0.0, 0.0, 1000.0)),
@@ -190,10 +148,9 @@ def settings(bench: Stimulator) -> dict[str, float]:
     return {name: bench.get(name) for name in (*names, *others)}
 
 
-@pytest.fixture(scope="module", params=["local", "bus", "inside"])
+@pytest.fixture(scope="module", params=["local", "bus"])
 def refusing(request: pytest.FixtureRequest) -> Iterator[tuple[Stimulator, dict[str, float]]]:
-    link: LinkName = "local" if request.param == "local" else "bus"
-    with Stimulator.simulate(link, plate_inside=request.param == "inside") as bench:
+    with Stimulator.simulate(request.param) as bench:
         bench.run(0.1)
         bench.voltage, bench.amplitude, bench.boundary, bench.cof = 20.0, 1.0, 3.0, (0.25, 0.45)
         bench.finger.lift()
@@ -237,25 +194,15 @@ def test_what_is_refused_changes_nothing(
             lambda: Texture.profile("ramp", 0.2, 0.4, repeats="no"),
             "^repeats 'no' is neither True nor False$",
         ),
-        *(
-            (lambda f=f: Stimulator.connect(interface="virtual", lockstep=f), f"^lockstep {f!r} is")
-            for f in ("no", 0, None)
-        ),
-        *(
-            (lambda k=k, f=f: Stimulator.simulate(k, plate_inside=f), f"^plate_inside {f!r} is nei")
-            for k in ("local", "bus")
-            for f in ("no", 0, None)
-        ),
+        (lambda: Stimulator.connect(interface="virtual", lockstep=0), "^lockstep 0 is neither"),
+        (lambda: Stimulator.simulate("local", plate_inside="no"), "^plate_inside 'no' is neither"),
         (
             lambda: Stimulator.simulate("local", log=print),
             r"^there is no bus whose frames could go to log: simulate\('bus'\)$",
         ),
-        *(
-            (
-                lambda k=k: Stimulator.simulate(k, log="x.log"),
-                "^log 'x.log' is no function of a time stamp and a frame$",
-            )
-            for k in ("local", "bus")
+        (
+            lambda: Stimulator.simulate("bus", log="x.log"),
+            "^log 'x.log' is no function of a time stamp and a frame$",
         ),
     ],
 )
@@ -274,22 +221,6 @@ def test_what_is_no_trace_replaces_no_file(traces: Any, tmp_path: Path) -> None:
     assert path.read_bytes() == before
 
 
-def test_counts_that_no_trace_holds() -> None:
-    """They would become negative."""
-    for number in (2**63, 2**64, 10**30):
-        with pytest.raises(ValueError, match=r"^the rows of a are no table of"):
-            Trace.from_rows("a", 0, [[number] * 10])
-
-
-def test_a_recording_without_a_name() -> None:
-    with (
-        Stimulator.simulate("local") as bench,
-        pytest.raises(BenchError, match=r"whose suffix is \.h5 or \.hdf5: name it run\.h5$"),
-        bench.record(""),
-    ):
-        pass
-
-
 @pytest.mark.parametrize(
     "read",
     [
@@ -299,8 +230,6 @@ def test_a_recording_without_a_name() -> None:
         lambda path: Texture.from_png(path, 0, 0.2, 0.3),
         lambda path: Texture.from_csv(path, time="t", cof="mu"),
         lambda path: make_recording(path, path.with_name("run.h5")),
-        lambda path: make_recording(str(path), str(path.with_name("run.h5"))),
-        lambda path: read_plan(str(path)),
     ],
 )
 def test_a_file_that_is_not_there(read: Callable[[Path], object], tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from nodes_on_a_bus import GUARD_S, in_threads, stimulator_with_plate
 
-from smarttac_can.bench import BenchError, Event, FaultError, NotRunningError, State, Stimulator
+from smarttac_can.bench import BenchError, Event, FaultError, State, Stimulator
 from smarttac_can.vocabulary.faults import FaultKind
 
 STUCK = Event(32, "fault", "a sensor is stuck")
@@ -183,14 +183,3 @@ def test_ctrl_c_ends_a_wait_between_two_cycles() -> None:
             list(events.within(600_000))
         timer.join()
         assert len(bench.run(0.01)) == 10
-
-
-def test_a_loop_without_cycles_is_an_error(virtual: dict[str, Any]) -> None:
-    with (
-        in_threads(virtual, stimulator_with_plate(lockstep=False), lockstep=False),
-        Stimulator.connect(**virtual, lockstep=True) as bench,
-        bench.events() as events,
-        pytest.raises(NotRunningError, match="runs in real time"),
-    ):
-        for _ in events.within(1):
-            pass

@@ -6,8 +6,7 @@ from typing import Any
 import can
 import pytest
 
-from smarttac_can.bench import BenchError, FaultError, Stimulator
-from smarttac_can.vocabulary.faults import FaultKind
+from smarttac_can.bench import BenchError, Stimulator
 
 Make = Callable[..., Stimulator]
 
@@ -30,11 +29,6 @@ def test_another_party_on_its_bus(smarttac_bus: dict[str, Any], stimulator: Stim
     assert heard >= {0x80, 0x2A0}
 
 
-def test_each_test_has_a_bus_of_its_own(smarttac_bus: dict[str, Any]) -> None:
-    with can.Bus(**smarttac_bus) as listener:
-        assert listener.recv(0.0) is None
-
-
 def test_in_a_project_of_its_own(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(
         """
@@ -53,9 +47,7 @@ def test_in_a_project_of_its_own(pytester: pytest.Pytester) -> None:
 def test_a_factory_makes_what_is_asked_for(make_stimulator: Make, inside: bool) -> None:
     bench = make_stimulator(subject=3, seed=7, plate_inside=inside)
     assert (bench.get("Simulation.Subject"), bench.get("Simulation.Seed")) == (3, 7)
-    with Stimulator.simulate(
-        "local", presets={"Simulation.Subject": 3, "Simulation.Seed": 7}
-    ) as same:
+    with Stimulator.simulate("local", subject=3, seed=7) as same:
         one, other = bench.run(0.05), same.run(0.05)
     assert one.normal_force_n.tolist() == other.normal_force_n.tolist()
 
@@ -67,20 +59,6 @@ def test_several_instruments_do_not_hear_each_other(make_stimulator: Make) -> No
     first.amplitude, first.mode = 1.0, "amplitude"
     assert first.run(0.05).voltage_v[-1] > 10
     assert second.run(0.05).voltage_v.max() == 0.0
-
-
-def test_a_fault_that_is_injected_ends_a_run(make_stimulator: Make) -> None:
-    bench = make_stimulator(presets={"Fault.Sensor": 3, "Fault.Delay in cycles": 20})
-    bench.tare()
-    bench.amplitude, bench.mode = 1.0, "amplitude"
-    bench.set("Fault.Kind", FaultKind.SATURATED)
-    with pytest.raises(FaultError, match="force"):
-        bench.run(0.1)
-    assert bench.read().voltage == 0.0
-
-
-def test_a_preset_may_have_a_unit(make_stimulator: Make) -> None:
-    assert make_stimulator(presets={"Setpoint.Amplitude": "800 nm"}).amplitude == 0.8
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ import struct
 import subprocess
 import sys
 import threading
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -43,6 +42,7 @@ CHANNELS = {
 }
 ALIEN = """
 import sys
+import threading
 import h5py, pandas
 
 with h5py.File(sys.argv[1]) as file:
@@ -103,6 +103,7 @@ def test_the_same_over_every_link(bench: Stimulator, tmp_path: Path) -> None:
     assert not (tmp_path / "run.h5.log").exists()
 
 
+@pytest.mark.parametrize("bench", ["bus"], indirect=True)
 def test_channels_are_what_a_run_records(bench: Stimulator, tmp_path: Path) -> None:
     bench.finger.stroke(2)
     bench.start_run()
@@ -128,6 +129,7 @@ def test_channels_are_what_a_run_records(bench: Stimulator, tmp_path: Path) -> N
         assert file["channels/amplitude_um"].attrs["resolution"] == pytest.approx(1e-4)
 
 
+@pytest.mark.parametrize("bench", ["bus"], indirect=True)
 def test_what_it_says_of_the_instrument(bench: Stimulator, tmp_path: Path) -> None:
     play(bench, tmp_path / "run.h5")
     with h5py.File(tmp_path / "run.h5") as file:
@@ -152,6 +154,7 @@ def test_a_script_that_knows_nothing_of_this_package(tmp_path: Path) -> None:
     assert said[2] == "[40.0] True"
 
 
+@pytest.mark.parametrize("bench", ["bus"], indirect=True)
 def test_a_simulation_that_starts_again_begins_a_run(bench: Stimulator, tmp_path: Path) -> None:
     with bench.record(tmp_path / "run.h5") as recording:
         bench.run(0.3)
@@ -162,25 +165,6 @@ def test_a_simulation_that_starts_again_begins_a_run(bench: Stimulator, tmp_path
     with h5py.File(tmp_path / "run.h5") as file:
         assert np.diff(file["tick"][:][file["run"][:] == 1]).tolist() == [1] * 199
         assert file["gaps"].shape == (0,)
-
-
-def test_a_fault_is_in_it_and_disarms(bench: Stimulator, tmp_path: Path) -> None:
-    bench.voltage = 10
-    with pytest.raises(FaultError) as caught, bench.record(tmp_path / "run.h5"):
-        bench.mode = "open_loop"
-        bench.run(0.1)
-        bench.set("Fault.Sensor", 1)
-        bench.set("Fault.Kind", FaultKind.STUCK)
-        bench.run(0.2)
-    assert caught.value.__notes__ == [f"{tmp_path / 'run.h5'} holds what was recorded until then"]
-    assert bench.get("Mode") == 0
-    with h5py.File(tmp_path / "run.h5") as file:
-        # The arming waits 0.1 s for the tare.
-        assert len(file["tick"]) == 400
-        told = [(row["node_id"], row["code"], row["text"]) for row in file["emergencies"][:]]
-        status = file["channels/status"][-1]
-    assert status >> 8 & 7 == State.FAULT
-    assert told == [(32, 0x5211, b"a sensor is stuck")]
 
 
 def test_a_fault_and_its_reset_are_emergencies_over_every_link(
@@ -199,7 +183,9 @@ def test_a_fault_and_its_reset_are_emergencies_over_every_link(
         bench.run(0.01)
     with h5py.File(tmp_path / "run.h5") as file:
         told = [(row["node_id"], row["code"], row["text"]) for row in file["emergencies"][:]]
+        states = {State(status >> 8 & 7) for status in file["channels/status"][:]}
     assert told == [(32, 0x5211, b"a sensor is stuck"), (32, 0, b"reset")]
+    assert {State.RUNNING, State.FAULT, State.READY} <= states
 
 
 def test_any_error_puts_the_plate_at_0_v_before_the_file_is_made(
@@ -293,60 +279,6 @@ def test_a_full_disk_is_told_at_the_end(tmp_path: Path, monkeypatch: pytest.Monk
             raise ZeroDivisionError
         (note,) = caught.value.__notes__
         assert "b.h5.log takes no more: No space left on device" in note
-
-
-def test_in_real_time_beside_scripts_that_run(virtual: dict[str, Any], tmp_path: Path) -> None:
-    """Other scripts run beside it and drive; what is lost all the same is named."""
-    node = stimulator_with_plate(lockstep=False)
-    with in_threads(virtual, node, lockstep=False):
-        with (
-            Stimulator.connect(**virtual) as reader,
-            reader.record(tmp_path / "run.h5") as recording,
-            Stimulator.connect(**virtual) as driver,
-        ):
-            driver.voltage = 20
-            for _ in range(3):
-                with suppress(NotRunningError):  # on a machine that is busy
-                    driver.run(0.2)
-            before = recording.cycles
-            # By the event timers, 100 ms, this would take longer than the guard.
-            until(lambda: recording.cycles > before + 1000)
-            driver.voltage = 10
-        types = [node.od.entry(0x1800 + n, 2).value for n in range(4)]
-    assert types == [255] * 4
-    assert recording.summary is not None
-    with h5py.File(tmp_path / "run.h5") as file:
-        ticks, gaps = file["tick"][:], file["gaps"][:]
-        voltages = [row["value"] for row in file["set_points"][:] if row["name"].endswith(b"age")]
-        every = set(range(int(ticks[0]), int(ticks[-1]) + 1))
-    named = {t for gap in gaps for t in range(gap["first_tick"], gap["last_tick"] + 1)}
-    assert named == every - set(ticks.tolist())
-    assert voltages == [20, 10]
-
-
-def test_a_recording_that_ends_takes_nothing_from_a_script_that_runs(
-    virtual: dict[str, Any], tmp_path: Path
-) -> None:
-    ended = threading.Event()
-    with (
-        in_threads(virtual, stimulator_with_plate()),
-        Stimulator.connect(**virtual, lockstep=True) as reader,
-        Stimulator.connect(**virtual, lockstep=True) as driver,
-    ):
-        driver.start_run()
-        driver.voltage = 20
-        driver.mode = "open_loop"
-
-        def record() -> None:
-            with reader.record(tmp_path / "run.h5") as recording:
-                until(lambda: recording.cycles > 200)
-            ended.set()
-
-        with ThreadPoolExecutor(1) as pool:
-            recorded = pool.submit(record)
-            until(lambda: len(driver.run(0.05)) == 50 and ended.is_set())
-            recorded.result()
-        assert len(driver.run(0.05)) == 50
 
 
 def test_a_node_that_is_reset_is_recorded_on(virtual: dict[str, Any], tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from nodes_on_a_bus import both, in_threads, processes, stimulator_with_plate
 
 from smarttac_can.bench import Stimulator, Trace
 from smarttac_can.bench.simulation import LinkName
-from smarttac_can.bench.traces import COLUMNS, sha256, write_csv
+from smarttac_can.bench.traces import sha256, write_csv
 from smarttac_can.paper.experiments import Conditions
 from smarttac_can.paper.reproduce import TRACES, reproduce
 
@@ -59,31 +59,22 @@ def test_virtual_bus_in_this_process(inside: bool, reference: str, tmp_path: Pat
         assert digest(experiment(bench), tmp_path) == reference
 
 
-def test_a_second_run_of_the_same_bench(reference: str, tmp_path: Path) -> None:
-    with Stimulator.simulate("bus") as bench:
-        experiment(bench, seed=5)
-        assert digest(experiment(bench), tmp_path) == reference
-
-
-@pytest.mark.parametrize("pace", [None, 1])
 @pytest.mark.parametrize("inside", [True, False])
 def test_nodes_in_threads_at_any_pace(
     inside: bool,
-    pace: int | None,
     virtual: dict[str, Any],
     reference: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    pauses = random.Random(pace) if pace else None
-    if pauses:
-        send = canopen.Network.send_message
+    pauses = random.Random(1)
+    send = canopen.Network.send_message
 
-        def hesitate(self: canopen.Network, *arguments: Any, **named: Any) -> None:
-            time.sleep(pauses.choice((0.0, 0.0, 0.0, 0.0, 0.002)))
-            send(self, *arguments, **named)
+    def hesitate(self: canopen.Network, *arguments: Any, **named: Any) -> None:
+        time.sleep(pauses.choice((0.0, 0.0, 0.0, 0.0, 0.002)))
+        send(self, *arguments, **named)
 
-        monkeypatch.setattr(canopen.Network, "send_message", hesitate)
+    monkeypatch.setattr(canopen.Network, "send_message", hesitate)
     nodes = (stimulator_with_plate(),) if inside else both()
     plate = None if inside else 33
     with (
@@ -98,16 +89,6 @@ def test_real_processes(multicast: dict[str, Any], reference: str, tmp_path: Pat
     with (
         processes(multicast, *commands),
         Stimulator.connect(**multicast, plate_node_id=33, lockstep=True) as bench,
-    ):
-        assert digest(experiment(bench), tmp_path) == reference
-
-
-def test_a_process_with_the_plate_inside(
-    multicast: dict[str, Any], reference: str, tmp_path: Path
-) -> None:
-    with (
-        processes(multicast, "node --lockstep"),
-        Stimulator.connect(**multicast, lockstep=True) as bench,
     ):
         assert digest(experiment(bench), tmp_path) == reference
 
@@ -133,16 +114,6 @@ def test_sdo_between_the_ticks(reference: str, tmp_path: Path) -> None:
 def test_another_seed_gives_other_numbers(reference: str, tmp_path: Path) -> None:
     with Stimulator.simulate("local") as bench:
         assert digest(experiment(bench, seed=2), tmp_path) != reference
-
-
-@pytest.mark.parametrize("column", range(1, len(COLUMNS)))
-def test_one_bit_changes_the_hash(column: int, reference: str, tmp_path: Path) -> None:
-    with Stimulator.simulate("local") as bench:
-        empty, friction = experiment(bench)
-    counts = friction.counts.copy()
-    assert digest([empty, Trace("friction", 2, counts)], tmp_path) == reference
-    counts[-1, column] ^= 1
-    assert digest([empty, Trace("friction", 2, counts)], tmp_path) != reference
 
 
 @pytest.mark.parametrize("dead_time", [0.0, 430.0])

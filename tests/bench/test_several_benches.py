@@ -54,7 +54,7 @@ def run_often(bench: Stimulator) -> None:
         bench.run(0.001)
 
 
-@pytest.mark.parametrize("act", [Stimulator.tare, weigh, selftest, run_often])
+@pytest.mark.parametrize("act", [weigh, run_often])
 def test_a_recording_loses_no_row_to_another_bench(
     virtual: dict[str, Any], node: StimulatorNode, act: Any, tmp_path: Path
 ) -> None:

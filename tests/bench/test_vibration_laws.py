@@ -38,8 +38,7 @@ def begin(bench: Stimulator, seed: int, dead_time: float, told: float) -> None:
 
 
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize(("dead_time", "told"), [(0.0, 0.0), (540.0, 540.0), (702.0, 540.0)])
-@pytest.mark.parametrize("seed", [3, 4])
+@pytest.mark.parametrize(("seed", "dead_time", "told"), [(3, 702.0, 540.0), (4, 0.0, 0.0)])
 def test_no_watchdog_trips_without_a_cause(
     bench: Stimulator, law: VibrationLaw, seed: int, dead_time: float, told: float
 ) -> None:
@@ -94,11 +93,6 @@ def test_the_law_changes_while_it_runs_and_the_plate_does_not_notice(bench: Stim
         # A finger slides: what is left is what it does.
         assert abs(trace.amplitude_um - 1.0).max() < 0.03
     assert bench.state is State.RUNNING
-
-
-def test_a_law_that_there_is_not_is_refused(bench: Stimulator) -> None:
-    with pytest.raises(ValueError, match=r"^vibration law 'lqr' is none of pi, scheduled, pred"):
-        bench.vibration_law = "lqr"
 
 
 @pytest.mark.parametrize("law", LAWS)

@@ -15,6 +15,7 @@ from pathlib import Path
 from time import monotonic, sleep
 
 import pytest
+from nodes_on_a_bus import GUARD_S
 from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.action_chains import ActionChains
@@ -27,7 +28,6 @@ from smarttac_can.panel.server import Panel, serve
 
 HERE = Path(__file__).parent
 PICTURES = HERE.parents[1] / "build" / "browser"
-GUARD_S = 60.0
 FLAGS = (
     "--headless",
     "--no-sandbox",

@@ -4,7 +4,6 @@ import json
 import re
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,15 +13,13 @@ import canopen
 import cantools
 import pytest
 from commands import refusal, run, succeed
-from nodes_on_a_bus import multicast_options, processes
+from nodes_on_a_bus import in_threads, multicast_options, processes
 
 from smarttac_can.commissioning.node_ids import Identity
 from smarttac_can.commissioning.scan import matching_eds
 from smarttac_can.device.device import Device
 from smarttac_can.device.storage import Memory
 from smarttac_can.host.node import HostedNode
-from smarttac_can.host.python_can import PythonCanBus
-from smarttac_can.host.runner import run_node
 from smarttac_can.nodes.device_node import DeviceNode
 from smarttac_can.od.cia import DataType
 from smarttac_can.od.eds import load_eds
@@ -141,13 +138,6 @@ def test_dbc(tmp_path: Path) -> None:
     assert path.read_text() == succeed("eds", "dbc", RICH, "--node-id", "5")
 
 
-def test_dbc_of_our_nodes_alone_has_names_of_states_and_emergencies() -> None:
-    ours = succeed("eds", "dbc", "stimulator", "--node-id", "32")
-    assert '3 "running"' in ours
-    assert '"measurement lost"' in ours
-    assert "measurement lost" not in succeed("eds", "dbc", RICH, "--node-id", "5")
-
-
 def test_dbc_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("smarttac_can.cli.commission.find_spec", lambda name: None)
     assert "pip install 'smarttac-can[dbc]'" in refusal("eds", "dbc", RICH)
@@ -171,23 +161,17 @@ def test_dcf(tmp_path: Path) -> None:
     [
         (("check", "missing.eds"), "'missing.eds' is neither a file nor stimulator or plate"),
         (("check", RICH, "--device"), "--device needs --node-id"),
-        (("check", RICH, "--timeout", "0"), "0.0 is not in the range"),
         (("doc", ROOT / "README.md"), "README.md: the file has no objects"),
         (
             ("doc", RICH, "--output", "no/such/folder/x.md"),
             "no/such/folder/x.md: the folder no does not exist",
         ),
         (("dbc", ROOT / "README.md"), "README.md: the file has no objects"),
-        (("dbc", RICH, "--node-id", "128"), "128 is not in the range"),
-        (("dcf", RICH, "--bitrate", "500000"), "Missing option '--node-id'"),
-        (("dcf", RICH, "--node-id", "9"), "Missing option '--bitrate'"),
         (
             ("dcf", RICH, "--node-id", "9", "--bitrate", "9600"),
             "rich.eds: bit rate 9600 is none of",
         ),
         (("dcf", RICH, *COMMISSION, "--set", "1017"), "'1017' is not NAME=VALUE"),
-        (("dcf", RICH, *COMMISSION, "--set", "=1"), "'=1' is not NAME=VALUE"),
-        (("dcf", RICH, *COMMISSION, "--set", "X=1"), "rich.eds: 'X' is not in the EDS"),
         (("dcf", RICH, *COMMISSION, "--set", "Mode=99"), "rich.eds: Mode 99 is outside 0..6"),
     ],
 )
@@ -214,22 +198,9 @@ RICH_IDENTITY = "00000123:00000007:00010000:0000002A"
 
 @contextmanager
 def running(channel: str, *nodes: HostedNode) -> Iterator[tuple[str, ...]]:
-    """Each node in a thread of its own; gives the options of the bus."""
-    stopping = threading.Event()
-    threads = [
-        threading.Thread(
-            target=run_node, args=(node, PythonCanBus("virtual", channel), stopping.is_set)
-        )
-        for node in nodes
-    ]
-    for thread in threads:
-        thread.start()
-    try:
+    """Run nodes; gives the options of their bus."""
+    with in_threads({"interface": "virtual", "channel": channel}, *nodes, lockstep=False):
         yield "--interface", "virtual", "--channel", channel
-    finally:
-        stopping.set()
-        for thread in threads:
-            thread.join(10.0)
 
 
 def rich(
@@ -298,33 +269,14 @@ def test_nothing_but_its_own_lines_reaches_the_terminal(multicast: dict[str, Any
     assert result.stdout.splitlines()[2].endswith("534D5402  00010000  00000001  plate.eds")
 
 
-def test_a_device_that_is_silent_is_named_once(multicast: dict[str, Any]) -> None:
-    check = ["eds", "check", str(RICH), "--device", "--node-id", "6", "--timeout", "0.05"]
-    result = subprocess.run(
-        [sys.executable, "-m", "smarttac_can", *check, *multicast_options(multicast)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert (result.returncode, result.stderr) == (1, "")
-    assert result.stdout == f"{RICH}: [1000] node 6 does not answer\n"
-
-
 def test_nobody_there() -> None:
     scan = ("scan", "--interface", "virtual", "--channel", "empty", "--timeout", "0.05")
     assert refusal(*scan) == refusal(*scan, "--json") == "no device answers on virtual:empty"
     assert run(*scan, "--json").stdout == "[]\n"
 
 
-@pytest.mark.parametrize("command", [("scan",), ("lss", "5")])
-@pytest.mark.parametrize(
-    ("timeout", "complaint"),
-    [("nan", "nan is not a finite number"), ("inf", "inf is not in the range 0.01<=x<=3600.")],
-)
-def test_timeout_without_end_is_refused(
-    command: tuple[str, ...], timeout: str, complaint: str
-) -> None:
-    assert complaint in refusal(*command, "--timeout", timeout, code=2)
+def test_timeout_without_end_is_refused() -> None:
+    assert "nan is not a finite number" in refusal("scan", "--timeout", "nan", code=2)
 
 
 @pytest.mark.parametrize("given", [["--json"], ["--json", "-"], ["--json", "{file}"]])
@@ -405,11 +357,6 @@ def test_lss_stores_the_node_id_that_a_device_has() -> None:
 @pytest.mark.parametrize("identity", ["1:2:3", "1:2:3:x", "1:2:3:100000000", "1:2:3:-4", ""])
 def test_an_identity_is_four_numbers(identity: str) -> None:
     assert "four hexadecimal numbers" in refusal("lss", "1", "--identity", identity, code=2)
-
-
-@pytest.mark.parametrize("node_id", ["0", "128", "x"])
-def test_a_node_id_is_in_range(node_id: str) -> None:
-    refusal("lss", node_id, code=2)
 
 
 def test_a_device_reads_as_its_eds_says(tmp_path: Path) -> None:

@@ -150,20 +150,6 @@ def test_a_shell_is_not_told_to_call_python(
     assert not re.search(r"[a-z]\(\)|\.trace", told.value.message)
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "a zero was taken; lift it, then tare()",
-        "node 32 runs in real time: connect without lockstep=True, or start all nodes with it",
-        "the time stands still: connect with lockstep=True, or start all nodes without it",
-    ],
-)
-def test_other_words_of_a_script(text: str) -> None:
-    said = in_shell_words(text)
-    assert said != text
-    assert not re.search(r"[a-z]\(\)|=True", said)
-
-
 _PYTHON: Final = re.compile(r"[a-z]\(\)|=True|^\.trace")
 _OF_SCRIPTS: Final = ("the loop of this stimulator runs already, in another thread",)
 """What can only befall a script, as it takes threads."""

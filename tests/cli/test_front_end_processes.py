@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from commands import refusal
-from nodes_on_a_bus import NodeProcess, multicast_options, processes
+from nodes_on_a_bus import processes
 from test_node_commands import VIRTUAL
 
 from smarttac_can.bench import BenchError, FaultError, Stimulator
@@ -85,37 +85,6 @@ def test_a_front_end_in_the_loop_that_fails_and_comes_back(
         assert lines[-1] == "plate 33 stopped at 0 V"
         assert told() == 0.0
         assert (lab / "closed").exists()
-
-
-def test_a_front_end_that_hangs_ends_the_node(
-    multicast: dict[str, Any], lab: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(
-        "smarttac_can.bench.can_link.GRACE_S", 1.0
-    )  # its run never comes to its end
-    (lab / "lab.py").write_text(
-        MODULE.replace('raise OSError("cable out")', "import time; time.sleep(3600)")
-    )
-    options = multicast_options(multicast)
-    plate = NodeProcess("plate", "--front-end", "lab:Lab", *options)
-    node = NodeProcess("node", "--plate-node", "33", "--produce-sync", *options)
-    try:
-        plate.wait_for(f"plate 33 ready on udp_multicast:{multicast['channel']}")
-        node.wait_for(f"stimulator 32 ready on udp_multicast:{multicast['channel']}")
-        with Stimulator.connect(**multicast, plate_node_id=33) as bench:
-            (lab / "broken").touch()
-            with pytest.raises(BenchError):
-                bench.run(1.0)
-        plate.process.wait(60)
-        status, _, complaints = plate.end()
-        assert status == 1
-        assert complaints == (
-            "Error: front end lab:Lab hangs in a call: ended, 0 V was asked for\n"
-        )
-        assert told() == 0.0
-    finally:
-        plate.end()
-        node.end()
 
 
 @pytest.mark.parametrize(

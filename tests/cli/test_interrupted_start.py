@@ -12,7 +12,7 @@ SCRIPT = tomllib.loads(PROJECT.read_text())["project"]["scripts"]["smarttac"]
 MODULE, _, FUNCTION = SCRIPT.partition(":")
 
 
-@pytest.mark.parametrize("loaded", ["click", "numpy", "smarttac_can.cli.bench"])
+@pytest.mark.parametrize("loaded", ["click", "smarttac_can.cli.bench"])
 @pytest.mark.parametrize(
     "start",
     [("-m", "smarttac_can"), ("-c", f"from {MODULE} import {FUNCTION}; {FUNCTION}()")],

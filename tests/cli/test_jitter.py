@@ -181,10 +181,8 @@ def test_a_loop_that_is_there_already(
 @pytest.mark.parametrize(
     ("command", "others", "node_id"),
     [
-        ("node --lockstep", (), 32),
-        ("plate", (), 33),
         ("node --lockstep", ("--plate-node", "44"), 32),
-        ("node --plate-node 44 --produce-sync", (), 32),
+        ("plate", (), 33),
     ],
 )
 def test_a_node_that_is_there_already(
@@ -218,26 +216,6 @@ def test_a_bus_without_time_stamps_of_the_kernel() -> None:
     line = refusal("jitter", "--interface", "virtual", "--channel", "test_jitter")
     assert line.startswith("the loop is timed by the kernel's time stamps")
     assert "socketcan or udp_multicast have them" in line
-
-
-def test_a_bus_that_is_not_there() -> None:
-    assert refusal("jitter", "--interface", "socketcan", "--channel", "nowhere0").startswith(
-        "cannot"
-    )
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        *(("--seconds", value) for value in ("0", "86401", "nan")),
-        *(("--realtime", value) for value in ("0", "100", "high")),
-        *(("--plate-node", value) for value in ("0", "128")),
-    ],
-    ids=" ".join,
-)
-def test_wrong_values(arguments: tuple[str, ...]) -> None:
-    line = refusal("jitter", "--interface", "virtual", *arguments, code=2)
-    assert f"Invalid value for '{arguments[0]}'" in line
 
 
 def test_the_picture_without_matplotlib(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -15,8 +15,6 @@ import pytest
 from nodes_on_a_bus import (
     BENCH_WATCH,
     GUARD_S,
-    NodeProcess,
-    multicast_options,
     processes,
     until,
     watched,
@@ -189,23 +187,6 @@ def test_a_file_of_faults_that_cannot_be_had_stops_nobody(
         status, _, complaints = node.end()
         assert status == 0
         assert "the newest faults are not kept" in complaints
-
-
-def test_another_node_id_and_a_recorded_finger(multicast: dict[str, Any], tmp_path: Path) -> None:
-    finger = tmp_path / "finger.csv"
-    finger.write_text("t_s,x_mm,Fn_N\n0,0,0\n0.08,0,0\n0.1,0,0.9\n5,0,0.9\n")
-    node = NodeProcess(
-        *("node", "--lockstep", "--node-id", "7", "--finger", str(finger), "--seed", "3"),
-        *multicast_options(multicast),
-    )
-    try:
-        node.wait_for(f"stimulator 7 ready on udp_multicast:{multicast['channel']}")
-        with Stimulator.connect(**multicast, node_id=7, lockstep=True) as bench:
-            assert bench.get("Simulation.Seed") == 3
-            trace = bench.run(0.3)
-            assert abs(trace.normal_force_n[-50:].mean() - 0.9) < 0.05
-    finally:
-        node.end()
 
 
 def test_a_running_node_takes_less_than_120_mb(multicast: dict[str, Any]) -> None:

@@ -135,19 +135,6 @@ def test_a_stimulator_whose_stdout_nobody_reads_goes_on_and_ends_at_0_v(
             assert (PLATE_ID, 0x8253) not in watch.emergencies
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="the size of a pipe is set")
-def test_a_plate_whose_stdout_nobody_reads_goes_on_and_ends(multicast: dict[str, Any]) -> None:
-    with unread(multicast, "plate") as plate, StageWatch(**multicast) as watch:
-        for command in (1, 128, 1, 128, 1):
-            watch.send(0, bytes((command, 0)))
-        controller = Controller(watch)
-        controller.drive_until_voltage()
-        controller.cycle(RAW)
-        assert_cycles_rise_with(controller, watch)
-        plate.terminate()
-        assert plate.wait(GUARD_S) == 0
-
-
 class Controller:
     """A stimulator that says what it is told to say, and SYNC."""
 
@@ -177,12 +164,6 @@ class Controller:
             return self.watch.read_stage().raw == RAW
 
         until(driven)
-
-
-def assert_cycles_rise_with(controller: Controller, watch: StageWatch) -> None:
-    before = watch.read(PLATE_ID, ODS[PLATE_ID]["Cycle.Ticks"])
-    controller.cycle(0)
-    until(lambda: watch.read(PLATE_ID, ODS[PLATE_ID]["Cycle.Ticks"]) > before)
 
 
 def test_a_plate_that_was_paused_is_at_0_v_before_it_hears_what_waited(
@@ -316,24 +297,3 @@ def test_a_bench_that_reads_is_stopped_and_killed_and_the_run_goes_on(
             assert bench.run(0.5).voltage_v.all()
 
         undisturbed(bench, read)
-
-
-@pytest.mark.parametrize("inside", [True, False], ids=["plate inside", "plate node"])
-def test_recordings_and_sdo_of_another_bench_do_not_end_a_run(
-    inside: bool, multicast: dict[str, Any]
-) -> None:
-    with processes(multicast, *(["node"] if inside else NODES)), StageWatch(**multicast) as watch:
-        if not inside:
-            watch.set_deadlines(DEADLINE_MS)
-        where = multicast | {"plate_node_id": None if inside else PLATE_ID}
-        with Stimulator.connect(**where) as bench, Stimulator.connect(**where) as reader:
-
-            def record() -> None:
-                for _ in range(4):
-                    assert reader.run(0.1).voltage_v.any()
-                    for _ in range(20):
-                        if reader.state is not State.RUNNING:
-                            return
-                    assert bench.run(0.1).voltage_v.all()
-
-            undisturbed(bench, record)

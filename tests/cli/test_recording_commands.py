@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 import tracemalloc
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -26,6 +26,7 @@ from nodes_on_a_bus import (
     multicast_options,
     processes,
     regulate_friction,
+    until,
 )
 
 from smarttac_can.bench import Stimulator
@@ -64,10 +65,7 @@ def records_in(log: Path) -> int:
 
 def wait_for_records(log: Path, more: int) -> None:
     begun = records_in(log)
-    guard = time.monotonic() + GUARD_S
-    while records_in(log) < begun + more:
-        assert time.monotonic() < guard, "it does not record"
-        time.sleep(0.05)
+    until(lambda: records_in(log) >= begun + more, pause=0.05)
 
 
 @pytest.mark.usefixtures("node")
@@ -147,12 +145,11 @@ def test_a_killed_recording_is_recovered(multicast: dict[str, Any], tmp_path: Pa
     assert again == f"{path} exists: give the recording another name"
 
 
-@pytest.mark.parametrize("command", [("record", "x.h5"), ("scan",), ("plate",)])
-def test_a_bus_that_cannot_be_opened_is_one_line(command: tuple[str, ...]) -> None:
+def test_a_bus_that_cannot_be_opened_is_one_line() -> None:
     """python-can says at its end that a bus was not shut down, which stands on stderr as well."""
     bus = ("--interface", "udp_multicast", "--channel", "10.0.0.1")
     ended = subprocess.run(
-        [sys.executable, "-m", "smarttac_can", *command, *bus],
+        [sys.executable, "-m", "smarttac_can", "scan", *bus],
         capture_output=True,
         text=True,
         timeout=GUARD_S,
@@ -381,13 +378,7 @@ def test_a_log_whose_logger_was_killed_is_replayed_up_to_there(
     assert result.stderr == f"{torn}: the last line, {len(lines)}, is cut and left out\n"
 
 
-def test_damage_in_the_middle_is_told_with_its_place(run: Log, tmp_path: Path) -> None:
-    torn = write(run, tmp_path / "torn.log")
-    lines = torn.read_text().splitlines()
-    torn.write_text("\n".join([*lines[:300], lines[300][:20], *lines[301:], ""]))
-    assert no_replay(torn, "--lockstep") == (
-        f"{torn}, line 301: {lines[300][:20].strip()!r} is no line of a candump log"
-    )
+def test_damage_in_the_middle_of_a_binary_log_is_told(run: Log, tmp_path: Path) -> None:
     torn = write(run, tmp_path / "torn.blf")
     data = torn.read_bytes()
     torn.write_bytes(data[:2000] + bytes(50) + data[2050:])
@@ -399,15 +390,6 @@ def test_the_log_of_a_recording_points_to_its_raw_log(tmp_path: Path) -> None:
     with FrameLog(path, {}):
         pass
     assert "is the log of a recording" in no_replay(path)
-
-
-def test_what_a_log_lacks_is_said_in_one_line(run: Log, tmp_path: Path) -> None:
-    log = write(run, tmp_path / "run.log")
-    assert "no boot-up message of node 5" in no_replay(log, "--node-id", "5")
-    later = write(run[500:], tmp_path / "later.log")
-    assert "no boot-up message of node 32" in no_replay(later, "--lockstep")
-    silent = write([item for item in run if item[1].can_id != 0x80], tmp_path / "silent.log")
-    assert "needs SYNC" in no_replay(silent, "--lockstep")
 
 
 def test_options_that_contradict_are_refused(run: Log, tmp_path: Path) -> None:
@@ -427,7 +409,7 @@ def test_the_stored_parameters_stay_as_they_are(run: Log, tmp_path: Path) -> Non
 
 
 def test_a_long_log_takes_no_more_memory(tmp_path: Path) -> None:
-    logs = [write(amplitude_run(seconds), tmp_path / f"{seconds}.log") for seconds in (0.1, 1.0)]
+    logs = [write(amplitude_run(seconds), tmp_path / f"{seconds}.log") for seconds in (0.1, 0.4)]
     size = []
     # What is imported and kept the first time is not the log's.
     for log in (logs[0], *logs):
@@ -436,8 +418,8 @@ def test_a_long_log_takes_no_more_memory(tmp_path: Path) -> None:
         assert replay(log, "--lockstep").exit_code == 0
         size.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
-    # The log of a second has a million bytes more in it.
-    assert size[2] < size[1] + 100_000
+    # The longer log has 300 000 bytes more in it.
+    assert size[2] < size[1] + 50_000
 
 
 @pytest.mark.parametrize("text", ["", "\n"])
@@ -467,11 +449,6 @@ def reset_all(bus: Mapping[str, Any]) -> None:
                 seen.add(message.arbitration_id)
 
 
-def friction(bench: Stimulator) -> None:
-    bench.start_run()
-    regulate_friction(bench)
-
-
 def at_rest(bench: Stimulator) -> None:
     """Ask much, and drive nothing: a system that is busy trips over no deadline then."""
     for voltage in (10, 20, 30):
@@ -481,11 +458,10 @@ def at_rest(bench: Stimulator) -> None:
 
 
 TRIES = 4
-CROSSED = r"SDO answer \(5A0h\)|lacks the TPDO [1-4] "
-"""What a request that crossed another one leaves: its answer, or a TPDO whose type it has set."""
-HELD_UP = r"makes the node send this EMCY|the log lacks "
-"""What else is left in real time of a process that was held up: a deadline that it has missed, and
-no log has, or frames that the log has lost."""
+EXCUSED = r"SDO answer \(5A0h\)|lacks the TPDO [1-4] |makes the node send this EMCY|the log lacks "
+"""What a request that crossed another one leaves: its answer, or a TPDO whose type it has set. And
+what a process leaves that was held up: a deadline that it has missed, and no log has, or frames
+that the log has lost."""
 
 
 def replayed(log: Path, *options: str) -> dict[str, Any]:
@@ -510,19 +486,17 @@ def patient_eds(path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize(("pace", "act"), [("--lockstep", friction), ("--produce-sync", at_rest)])
-def test_what_a_process_records_is_replayed(
-    multicast: dict[str, Any], tmp_path: Path, pace: str, act: Callable[[Stimulator], None]
+def test_what_a_process_records_in_real_time_is_replayed(
+    multicast: dict[str, Any], tmp_path: Path
 ) -> None:
-    told = (pace, "--eds", str(patient_eds(tmp_path / "patient.eds")))
+    told = ("--produce-sync", "--eds", str(patient_eds(tmp_path / "patient.eds")))
     # Requests of script and recorder may cross on multicast: their order in the log is then not
     # that in which the node heard them, which a bus with one order for all cannot do.
     for attempt in range(TRIES):
         raw = tmp_path / f"run{attempt}.log"
-        record_process(multicast, raw, told, act)
+        record_process(multicast, raw, told)
         result = replay(raw, *told)
-        excused = CROSSED if pace == "--lockstep" else f"{CROSSED}|{HELD_UP}"
-        if result.exit_code == 0 or not re.search(excused, result.output):
+        if result.exit_code == 0 or not re.search(EXCUSED, result.output):
             break
     found = replayed(raw, *told)
     assert found["same"] is True
@@ -531,24 +505,19 @@ def test_what_a_process_records_is_replayed(
     assert len(frames(raw, SDO_TO)) > 50
 
 
-def record_process(
-    multicast: dict[str, Any], raw: Path, told: tuple[str, ...], act: Callable[[Stimulator], None]
-) -> None:
-    """Have a process record what a script does with both nodes."""
-    lockstep = told[0] == "--lockstep"
-    plate = "plate --lockstep" if lockstep else "plate"
+def record_process(multicast: dict[str, Any], raw: Path, told: tuple[str, ...]) -> None:
+    """Have a process record what a script does with both nodes, at rest."""
     rows = raw.with_suffix(".h5")
     command = [sys.executable, "-W", "error", "-m", "smarttac_can", "record", "--plate-node", "33"]
     command += ["--raw", str(raw), "--timeout", "5", *multicast_options(multicast)]
-    with processes(multicast, plate, " ".join(("node --plate-node 33", *told))):
+    with processes(multicast, "plate", " ".join(("node --plate-node 33", *told))):
         with subprocess.Popen([*command, str(rows)], stderr=subprocess.PIPE, text=True) as recorder:
             try:
                 assert recorder.stderr is not None
                 assert recorder.stderr.readline() == f"recording {rows}\n"
                 reset_all(multicast)
-                options = {**multicast, "plate_node_id": 33, "lockstep": lockstep, "timeout": 5.0}
-                with Stimulator.connect(**options) as bench:
-                    act(bench)
+                with Stimulator.connect(**multicast, plate_node_id=33, timeout=5.0) as bench:
+                    at_rest(bench)
                 recorder.send_signal(signal.SIGINT)
                 recorder.communicate(timeout=GUARD_S)
             finally:
@@ -568,7 +537,8 @@ def test_what_a_script_records_in_lockstep_is_replayed(
         ):
             reset_all(virtual)
             with Stimulator.connect(**options) as bench:
-                friction(bench)
+                bench.start_run()
+                regulate_friction(bench)
             # The recorder's own requests come in between.
             assert recorder.get("Mode") == 0
             recorder.voltage = 5

@@ -1,6 +1,5 @@
 """No command replaces results without ``--force``, and no old ones stay beside new ones."""
 
-from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
@@ -10,7 +9,6 @@ from commands_of import commands_of
 
 from smarttac_can.cli import main
 from smarttac_can.cli.shared import result_folder
-from smarttac_can.host.files import result_file
 
 EDS = Path(__file__).parents[2] / "eds" / "plate.eds"
 CHANNEL = ("--interface", "virtual", "--channel", "results")
@@ -121,12 +119,12 @@ def test_what_is_empty_or_hidden_is_no_result(tmp_path: Path) -> None:
 def test_force_leaves_nothing_of_the_run_before_and_all_that_is_not_of_one(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     folder = tmp_path / "run"
-    succeed("reproduce", "fig7", "--link", "bus", "--output", folder)
+    succeed("reproduce", "fig5", "--link", "bus", "--output", folder)
     succeed("report", folder)
-    assert {"candump.log", "fig7.png", "index.html"} <= set(content(folder))
+    assert {"candump.log", "fig5.png", "index.html"} <= set(content(folder))
     (folder / "notes.txt").write_text("mine")
-    refusal("reproduce", "fig5", "--output", folder)
-    succeed("reproduce", "fig5", "--output", folder, "--force")
+    refusal("reproduce", "fig3", "--output", folder)
+    succeed("reproduce", "fig3", "--output", folder, "--force")
     assert set(content(folder)) == {"results.json", "traces.csv", "notes.txt"}
 
 
@@ -136,19 +134,6 @@ def test_force_at_a_file(tmp_path: Path) -> None:
     succeed("eds", "show", "plate", "--force", "--output", file)
     assert run("eds", "show", "plate").stdout_bytes == file.read_bytes()
     assert set(content(tmp_path)) == {"plate.eds"}
-
-
-@pytest.mark.usefixtures("compiled_once")
-def test_a_campaign_draws_png_and_svg_over_an_older_one(tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib")
-    few = ("campaign", "--fingers", "2", "--output", tmp_path / "out")
-    succeed(*few)
-    first = content(tmp_path / "out")
-    assert set(first) == {"campaign.json", "fingers.csv", "campaign.png", "campaign.svg"}
-    refusal(*few, "--seed", "2")
-    assert content(tmp_path / "out") == first
-    succeed(*few, "--seed", "2", "--force")
-    assert content(tmp_path / "out")["fingers.csv"] != first["fingers.csv"]
 
 
 def fail(folder: Path) -> None:
@@ -174,20 +159,11 @@ def test_a_full_disk_is_named(tmp_path: Path) -> None:
     assert told.value.filename == str(tmp_path)
 
 
-@pytest.mark.parametrize(
-    "write",
-    [
-        lambda path: result_file(path / "missing" / "file").__enter__(),
-        lambda path: result_folder(path / "file" / "below", ()).__enter__(),
-    ],
-)
-def test_the_error_names_what_was_asked_for(
-    write: Callable[[Path], object], tmp_path: Path
-) -> None:
+def test_the_error_names_what_was_asked_for(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    with pytest.raises(OSError) as told:
-        write(tmp_path)
-    assert told.value.filename in (str(tmp_path / "missing/file"), str(tmp_path / "file/below"))
+    with pytest.raises(OSError) as told, result_folder(tmp_path / "file" / "below", ()):
+        pass
+    assert told.value.filename == str(tmp_path / "file" / "below")
 
 
 INTERRUPTED = {

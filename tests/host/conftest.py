@@ -9,24 +9,13 @@ from typing import Any
 import can.interfaces.virtual
 import psutil
 import pytest
+from nodes_on_a_bus import GUARD_S
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.local_bus import LocalBus
 from smarttac_can.host.node import HostedNode
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.host.runner import run_node
-
-GUARD_S = 60.0
-"""Only ever waited for by a test that is about to fail."""
-
-
-GROUP = "239.74.163.2"
-
-
-@pytest.fixture
-def multicast_port(multicast: dict[str, Any]) -> int:
-    """A port that no other test run uses."""
-    return int(multicast["port"])
 
 
 @pytest.fixture(autouse=True)

@@ -24,50 +24,49 @@ def configuration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / ".canrc"
 
 
-@pytest.mark.parametrize("channel", ["239.74.163.3", "ff15:7079:7468:6f6e:6465:6d6f:6d63:6173"])
-def test_hop_limit_of_multicast_is_0(channel: str) -> None:
-    group = {"interface": "udp_multicast", "channel": channel}
-    assert kept_here(group) == {**group, "hop_limit": 0}
+MULTICAST = "interface = udp_multicast\n"
+NEITHER = {"interface": None, "channel": None}
+LAB = {"interface": None, "channel": "239.74.163.3"}
 
 
-@pytest.mark.parametrize("hops", [0, 1, "1", 7])
-def test_hop_limit_that_is_given_stays(hops: object) -> None:
-    assert kept_here({**GROUP, "hop_limit": hops}) == {**GROUP, "hop_limit": hops}
-
-
-@pytest.mark.parametrize("interface", ["virtual", "socketcan", "pcan"])
-def test_options_of_other_interfaces_stay(interface: str) -> None:
-    options = {"interface": interface, "channel": "7", "bitrate": 125_000}
-    assert kept_here(options) == options
-
-
-def test_interface_of_the_configuration(configuration: Path) -> None:
-    configuration.write_text("[default]\ninterface = udp_multicast\nchannel = 239.74.163.3\n")
-    asked = {"interface": None, "channel": None}
-    assert kept_here(asked) == {**asked, "hop_limit": 0}
-
-
-def test_hop_limit_of_the_configuration(configuration: Path) -> None:
-    configuration.write_text("[default]\nhop_limit = 3\n")
-    assert kept_here(GROUP) == GROUP
-    ignoring = {**GROUP, "ignore_config": True}
-    assert kept_here(ignoring) == {**ignoring, "hop_limit": 0}
-
-
-def test_hop_limit_of_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("CAN_CONFIG", '{"hop_limit": 2}')
-    assert kept_here(GROUP) == GROUP
-
-
-@pytest.mark.parametrize("name", ["config_context", "context"])
-def test_section_of_the_configuration(name: str, configuration: Path) -> None:
-    configuration.write_text("[LAB]\ninterface = udp_multicast\nhop_limit = 3\n[default]\n")
-    asked = {"interface": None, "channel": "239.74.163.3", name: "LAB"}
-    assert kept_here(asked) == asked
-    configuration.write_text("[LAB]\ninterface = udp_multicast\n[default]\nhop_limit = 3\n")
-    assert kept_here(asked) == asked
-    configuration.write_text("[LAB]\ninterface = udp_multicast\n")
-    assert kept_here(asked) == {**asked, "hop_limit": 0}
+@pytest.mark.parametrize(
+    ("file", "environment", "given", "kept"),
+    [
+        ("", "", GROUP, True),
+        ("", "", GROUP | {"channel": "ff15:7079:7468:6f6e:6465:6d6f:6d63:6173"}, True),
+        *(("", "", GROUP | {"hop_limit": hops}, False) for hops in (0, 1, "1", 7)),
+        *(
+            ("", "", {"interface": other, "channel": "7", "bitrate": 125_000}, False)
+            for other in ("virtual", "socketcan", "pcan")
+        ),
+        (f"[default]\n{MULTICAST}channel = 239.74.163.3\n", "", NEITHER, True),
+        ("[default]\nhop_limit = 3\n", "", GROUP, False),
+        ("[default]\nhop_limit = 3\n", "", GROUP | {"ignore_config": True}, True),
+        ("", '{"hop_limit": 2}', GROUP, False),
+        *(
+            (text, "", LAB | {context: "LAB"}, kept)
+            for context in ("config_context", "context")
+            for text, kept in (
+                (f"[LAB]\n{MULTICAST}hop_limit = 3\n[default]\n", False),
+                (f"[LAB]\n{MULTICAST}[default]\nhop_limit = 3\n", False),
+                (f"[LAB]\n{MULTICAST}", True),
+            )
+        ),
+    ],
+)
+def test_frames_of_a_group_are_kept_here_unless_a_hop_limit_is_given_anywhere(
+    file: str,
+    environment: str,
+    given: dict[str, Any],
+    kept: bool,
+    configuration: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    if file:
+        configuration.write_text(file)
+    if environment:
+        monkeypatch.setenv("CAN_CONFIG", environment)
+    assert kept_here(given) == (given | {"hop_limit": 0} if kept else given)
 
 
 @pytest.fixture

@@ -1,11 +1,9 @@
 """What holds on every bus, whatever it is made of."""
 
-import time
-from collections.abc import Callable
-
 import pytest
 from back_to_back import CASES, Client, make_node, make_node_without_id, node_id_and_sdo
-from conftest import GUARD_S, Line, LocalLine
+from conftest import Line, LocalLine
+from nodes_on_a_bus import until
 from toy_node import (
     AT_SYNC,
     BOOT_UP,
@@ -31,12 +29,6 @@ def receive_only(line: Line, can_id: int, count: int) -> list[Frame]:
         if frame.can_id == can_id:
             found.append(frame)
     return found
-
-
-def wait_until(condition: Callable[[], bool]) -> None:
-    end = time.monotonic() + GUARD_S
-    while not condition() and time.monotonic() < end:
-        time.sleep(0.001)
 
 
 def times(frames: list[Frame]) -> list[int]:
@@ -135,14 +127,14 @@ def test_nodes_hear_each_other_once_and_nobody_hears_himself(line: Line) -> None
     line.run(second, lockstep=True)
     line.receive()
     # python-can's virtual bus hands a frame to one party after the other.
-    wait_until(lambda: len(first.heard) == 1)
+    until(lambda: len(first.heard) == 1)
     for number in range(10):
         line.send(Frame(REQUEST + 1, bytes([number])))
         assert [line.receive(), line.receive()] == [
             Frame(REPLY + 1, bytes([number])),
             Frame(REPLY + 2, bytes([number])),
         ]
-    wait_until(lambda: len(first.heard) == 21 and len(second.heard) == 20)
+    until(lambda: len(first.heard) == 21 and len(second.heard) == 20)
     line.stop()
     requests = [Frame(REQUEST + 1, bytes([number])) for number in range(10)]
     assert [f for f in first.heard if f.can_id != OFF + 2] == [
@@ -182,5 +174,5 @@ def test_what_follows_a_command_at_once_is_not_lost(line: Line, case: str, locks
 def test_what_follows_the_first_node_id_at_once_is_not_lost(line: Line, lockstep: bool) -> None:
     node = make_node_without_id()
     line.run(node, lockstep=lockstep)
-    wait_until(lambda: node.ids.heard != frozenset())
+    until(lambda: node.ids.heard != frozenset())
     node_id_and_sdo(Client(line.send, line.receive))

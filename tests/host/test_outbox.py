@@ -1,6 +1,6 @@
 """Frames on their way to a bus that takes them or not, on a scripted clock."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import pytest
 from hypothesis import given, settings
@@ -116,15 +116,6 @@ def test_what_is_urgent_is_what_the_node_says_now() -> None:
     assert case.flush() == [other(1), urgent(1)]
 
 
-def test_no_more_at_a_time_than_asked_for() -> None:
-    case = Case()
-    case.put(*(other(number) for number in range(20)))
-    assert case.flush(most=3) == [other(number) for number in range(3)]
-    assert not case.outbox.empty
-    assert case.flush(most=100) == [other(number) for number in range(3, 20)]
-    assert case.outbox.empty
-
-
 def test_a_full_bus_is_asked_once_and_keeps_the_order() -> None:
     case = Case()
     case.put(other(1), urgent(1), urgent(2), other(2))
@@ -168,20 +159,6 @@ def test_the_node_is_told_once_per_tick_and_the_others_once_per_episode() -> Non
     assert len(case.said) == 2
 
 
-@pytest.mark.parametrize("waiting", [1, MOST - 1, MOST, MOST + 1, 2 * MOST])
-def test_an_episode_ends_when_nothing_waits_however_much_it_was(waiting: int) -> None:
-    case = Case(answers=0)
-    case.put(urgent(1))
-    case.try_for(TICK_US)
-    assert len(case.said) == 1
-    case.put(*(other(number) for number in range(waiting)))
-    while not case.outbox.empty:
-        case.flush()
-    case.put(urgent(2))
-    case.try_for(TICK_US)
-    assert len(case.said) == 2
-
-
 def test_an_episode_lasts_while_the_bus_takes_nothing() -> None:
     case = Case(answers=0)
     for number in range(5):
@@ -195,43 +172,23 @@ def test_an_episode_lasts_while_the_bus_takes_nothing() -> None:
 
 def test_of_urgent_frames_only_emergency_messages_and_the_word_of_the_node_are_kept() -> None:
     case = Case()
+    case.node.transmit_failed = lambda: [other(9), urgent(9)]  # type: ignore[method-assign]
     case.put(emergency(7), urgent(1), other(1), emergency(8))
     case.try_for(TICK_US)
     case.put(other(2))
-    assert case.flush() == [emergency(7), emergency(8), emergency(1), other(1), other(2)]
+    assert case.flush() == [emergency(7), emergency(8), urgent(9), other(1), other(9), other(2)]
 
 
-def test_other_words_of_the_node_are_kept_as_well() -> None:
-    case = Case()
-    case.node.transmit_failed = lambda: [other(9), urgent(9)]  # type: ignore[method-assign]
-    case.put(urgent(1), other(1))
-    case.try_for(TICK_US)
-    assert case.flush() == [urgent(9), other(1), other(9)]
-
-
-def test_others_wait_for_ever_without_a_fault_and_the_oldest_are_dropped() -> None:
-    case = Case()
-    for number in range(600):
-        case.put(other(number))
-        case.try_for(TICK_US)
-    assert (case.node.told_at, case.said) == ([], [])
-    assert case.flush(most=1000) == [other(number) for number in range(600 - 64, 600)]
-
-
-def test_what_the_node_says_of_a_fault_is_bounded_too() -> None:
-    case = Case()
-    case.node.transmit_failed = lambda: [other(n) for n in range(300)]  # type: ignore[method-assign]
-    case.put(urgent(1))
-    case.try_for(TICK_US)
-    assert case.flush(most=1000) == [other(number) for number in range(300 - 64, 300)]
-
-
-def test_emergency_messages_are_bounded_too() -> None:
+@pytest.mark.parametrize(("kind", "faults"), [(other, 0), (emergency, 200)])
+def test_what_waits_is_bounded_and_the_oldest_are_dropped(
+    kind: Callable[[int], Frame], faults: int
+) -> None:
     case = Case(answers=0)
     for number in range(200):
-        case.put(emergency(number))
+        case.put(kind(number))
         case.try_for(TICK_US)
-    assert case.flush(most=1000) == [emergency(number) for number in range(200 - 64, 200)]
+    assert (len(case.node.told_at), len(case.said)) == (faults, faults > 0)
+    assert case.flush(most=1000) == [kind(number) for number in range(200 - 64, 200)]
 
 
 def test_a_bus_that_is_lost_is_not_a_full_one() -> None:

@@ -66,36 +66,6 @@ def test_sigterm_is_left_alone_outside_of_the_main_thread() -> None:
         assert executor.submit(look).result(GUARD_S) is signal.SIG_DFL
 
 
-@pytest.mark.parametrize("number", SIGNALS)
-def test_process_told_to_stop_says_zero_volts_and_ends_well(
-    number: signal.Signals, multicast: dict[str, Any]
-) -> None:
-    def wait_for(can_id: int) -> Frame | None:
-        frame = master.receive(GUARD_S)
-        while frame is not None and frame.can_id != can_id:
-            frame = master.receive(GUARD_S)
-        return frame
-
-    master = PythonCanBus(**multicast)
-    root = Path(toy_node.__file__).parents[2]
-    node = subprocess.Popen(
-        [sys.executable, toy_node.__file__, multicast["channel"], str(multicast["port"])],
-        env={**os.environ, "PYTHONPATH": str(root)},
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        assert wait_for(BOOT_UP + 1) is not None
-        node.send_signal(number)
-        assert wait_for(OFF + 1) == Frame(OFF + 1, bytes(2))
-        _, errors = node.communicate(timeout=GUARD_S)
-        assert (node.returncode, errors) == (0, "")
-    finally:
-        node.kill()
-        node.communicate()
-        master.close()
-
-
 # The end of the parent
 
 

@@ -8,16 +8,15 @@ from typing import Any
 
 import can
 import pytest
-from conftest import GROUP, GUARD_S
+from conftest import GUARD_S
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from toy_node import SYNC, ToyNode
+from toy_node import SYNC
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host import python_can
 from smarttac_can.host.bus import BusError, QueueFullError
 from smarttac_can.host.python_can import PythonCanBus, to_frame, to_message
-from smarttac_can.host.reconnecting_bus import ReconnectingBus
 
 DATA_FRAMES = st.builds(Frame, st.integers(0, 0x7FF), st.binary(max_size=8), st.just(False))
 REMOTE_FRAMES = st.builds(Frame, st.integers(0, 0x7FF), st.just(b""), st.just(True))
@@ -58,38 +57,6 @@ def test_what_is_no_classical_base_frame_is_passed_over(
         other.send(foreign)
         other.send(to_message(SYNC))
         assert bus.receive(GUARD_S) == SYNC
-
-
-def test_receive_without_waiting(bus: PythonCanBus) -> None:
-    assert bus.receive(0) is None
-
-
-@pytest.mark.parametrize(
-    ("interface", "channel", "says"),
-    [
-        ("carrier_pigeon", "coop", "carrier_pigeon bus, channel coop"),
-        ("carrier_pigeon", None, "carrier_pigeon bus, which has no channel"),
-        ("udp_multicast", "10.0.0.1", "udp_multicast bus, channel 10.0.0.1"),
-        ("socketcan", "nosuchcan0", "socketcan bus, channel nosuchcan0"),
-    ],
-)
-def test_bus_that_cannot_be_opened_is_one_clear_error(
-    interface: str, channel: str | None, says: str
-) -> None:
-    with pytest.raises(BusError, match=f"cannot open the {says}: .") as refusal:
-        PythonCanBus(interface, channel)
-    assert "\n" not in str(refusal.value)
-
-
-def test_what_is_not_given_comes_from_python_can(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("CAN_INTERFACE", "virtual")
-    monkeypatch.setenv("CAN_CHANNEL", "from the environment")
-    configured = PythonCanBus()
-    named = PythonCanBus("virtual", "from the environment")
-    configured.send(SYNC)
-    assert named.receive(GUARD_S) == SYNC
-    configured.close()
-    named.close()
 
 
 class Driver:
@@ -181,7 +148,7 @@ def test_a_full_queue_is_one_for_as_long_as_it_lasts(
     ],
 )
 def test_a_socket_says_at_once_whether_its_queue_is_full_or_its_bus_lost(
-    multicast_port: int, monkeypatch: pytest.MonkeyPatch, number: int, kind: type[BusError]
+    multicast: dict[str, Any], monkeypatch: pytest.MonkeyPatch, number: int, kind: type[BusError]
 ) -> None:
     class Refusing:
         def sendto(self, *_: object) -> None:
@@ -190,7 +157,7 @@ def test_a_socket_says_at_once_whether_its_queue_is_full_or_its_bus_lost(
         def close(self) -> None:
             """Do nothing."""
 
-    connection = PythonCanBus("udp_multicast", GROUP, port=multicast_port)
+    connection = PythonCanBus(**multicast)
     assert connection._socket is not None
     with connection._socket._socket:
         monkeypatch.setattr(connection._socket, "_socket", Refusing())
@@ -202,11 +169,12 @@ def test_a_socket_says_at_once_whether_its_queue_is_full_or_its_bus_lost(
     connection.close()
 
 
-@pytest.mark.parametrize(("interface", "channel"), [("virtual", "toy"), ("udp_multicast", GROUP)])
+@pytest.mark.parametrize("bus_of_sockets", [False, True])
 def test_a_frame_that_comes_later_is_waited_for(
-    interface: str, channel: str, multicast_port: int
+    bus_of_sockets: bool, virtual: dict[str, Any], multicast: dict[str, Any]
 ) -> None:
-    mine, other = (PythonCanBus(interface, channel, port=multicast_port) for _ in range(2))
+    options = multicast if bus_of_sockets else virtual
+    mine, other = PythonCanBus(**options), PythonCanBus(**options)
     later = threading.Timer(0.05, other.send, [SYNC])
     later.start()
     heard = mine.receive(GUARD_S)
@@ -217,12 +185,6 @@ def test_a_frame_that_comes_later_is_waited_for(
 
 
 EXTENDED = can.Message(arbitration_id=2, is_extended_id=True)
-
-
-def test_what_is_passed_over_does_not_prolong_the_wait(bus: PythonCanBus, driver: Driver) -> None:
-    driver.inbox = [(0.3, EXTENDED), (0.2, EXTENDED)]
-    assert bus.receive(1.0) is None
-    assert driver.now == pytest.approx(1.0)
 
 
 def test_a_flood_of_what_is_passed_over_ends_the_wait(bus: PythonCanBus, driver: Driver) -> None:
@@ -263,16 +225,6 @@ def test_what_ends_a_wait_is_read(bus: PythonCanBus, driver: Driver) -> None:
     assert list(frames) == [SYNC, Frame(1)]
 
 
-@pytest.mark.parametrize("timeout", [0.0, 0.1])
-def test_nothing_is_received_of_a_bus_that_is_closed(
-    multicast: dict[str, Any], timeout: float
-) -> None:
-    bus = PythonCanBus(**multicast)
-    bus.close()
-    with pytest.raises(BusError, match=r"cannot receive: .*Bad file descriptor"):
-        bus.receive(timeout)
-
-
 def test_failure_to_receive(bus: PythonCanBus, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(timeout: float) -> None:
         raise can.CanOperationError("Network is down")
@@ -280,21 +232,6 @@ def test_failure_to_receive(bus: PythonCanBus, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(bus._bus, "recv", fail)
     with pytest.raises(BusError, match=r"cannot receive: Network is down"):
         bus.receive(0)
-
-
-def test_multicast_party_hears_an_equal_frame_of_another_but_not_its_own(
-    multicast: dict[str, Any],
-) -> None:
-    parties = [PythonCanBus(**multicast) for _ in range(3)]
-    parties[0].send(SYNC)
-    parties[1].send(SYNC)
-    parties[2].send(Frame(1))
-    heard = [[party.receive(GUARD_S), party.receive(GUARD_S)] for party in parties]
-    leftover = [party.receive(0) for party in parties]
-    for party in parties:
-        party.close()
-    assert heard == [[SYNC, Frame(1)], [SYNC, Frame(1)], [SYNC, SYNC]]
-    assert leftover == [None, None, None]
 
 
 @pytest.mark.parametrize("error", [OSError("no such device"), can.CanError("handle is gone")])
@@ -308,22 +245,3 @@ def test_a_driver_that_fails_to_close_is_an_error_of_the_bus(
         patch.setattr(bus._bus, "shutdown", fail)
         with pytest.raises(BusError, match=f"cannot leave the bus: {error}"):
             bus.close()
-
-
-def test_an_interface_that_is_gone_and_cannot_be_closed_is_only_lost(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def gone(*_: object) -> None:
-        raise OSError("no such device")
-
-    connection = PythonCanBus("virtual", "toy")
-    lost: list[BusError] = []
-    lasting = ReconnectingBus(lambda: connection, ToyNode(), lost=lost.append, back=lambda: None)
-    with monkeypatch.context() as patch:
-        for method in ("recv", "shutdown"):
-            patch.setattr(connection._bus, method, gone)
-        with pytest.raises(BusError) as error:
-            lasting.read(deque())
-        lasting.lose(error.value)
-    assert [str(reason) for reason in lost] == ["cannot receive: no such device"]
-    connection.close()

@@ -12,7 +12,6 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from toy_node import (
     AT_SYNC,
-    BOOT_UP,
     EMERGENCY,
     OFF,
     REPLY,
@@ -533,31 +532,6 @@ def test_who_has_no_time_is_told_each_50_ms(lockstep: bool, cost: int, full: boo
     assert max(gaps) <= 70_000
 
 
-class Raising(Observer):
-    """An observer that fails."""
-
-    def __init__(self, at: str) -> None:
-        self.at = at
-
-    def follow(self) -> None:
-        if self.at == "follow":
-            raise ZeroDivisionError
-
-    def stopped(self) -> None:
-        if self.at == "stopped":
-            raise ZeroDivisionError
-
-
-@pytest.mark.parametrize("lockstep", [False, True])
-@pytest.mark.parametrize("at", ["follow", "stopped"])
-def test_whatever_an_observer_does_the_node_is_shut_down(lockstep: bool, at: str) -> None:
-    host = Host(every(1000, SYNC), until=200_000)
-    with pytest.raises(ZeroDivisionError):
-        run(ToyNode(), host, lockstep=lockstep, observer=Raising(at))
-    assert host.sent[-1][1] == Frame(OFF + 1, bytes(2))
-    assert host.closed == 1
-
-
 def test_in_lockstep_the_state_is_followed_at_each_sync() -> None:
     host = Host(burst(500, 100, SYNC), until=1000)
     run(ToyNode(), host, lockstep=True, observer=(follower := Follower(host)))
@@ -657,15 +631,22 @@ def test_a_flood_that_ended_is_over_though_nothing_came_since() -> None:
         assert ids.index(REPLY + 1) < ids.index(TICKER + 1), cost
 
 
+class LearningNode(ToyNode):
+    """Hears another identifier from a frame on."""
+
+    def __init__(self, lesson: Frame = REQUESTED) -> None:
+        super().__init__()
+        self.lesson = lesson
+
+    def receive(self, frame: Frame) -> list[Frame]:
+        if frame == self.lesson:
+            self.ids = self.ids._replace(heard=self.ids.heard | {LEARNT})
+        return super().receive(frame)
+
+
 @pytest.mark.parametrize("lockstep", [False, True])
 def test_what_a_command_without_an_answer_makes_wanted_is_heard_behind_it(lockstep: bool) -> None:
-    class LearningNode(ToyNode):
-        def receive(self, frame: Frame) -> list[Frame]:
-            if frame == OTHER:
-                self.ids = self.ids._replace(heard=self.ids.heard | {LEARNT})
-            return super().receive(frame)
-
-    node = LearningNode()
+    node = LearningNode(OTHER)
     run(node, Host([(1000, OTHER), (1000, Frame(LEARNT))], until=3000), lockstep=lockstep)
     assert node.heard == [OTHER, Frame(LEARNT)]
 
@@ -680,12 +661,6 @@ def test_an_observer_sees_the_beginning_and_the_end(lockstep: bool) -> None:
 
 @pytest.mark.parametrize("lockstep", [False, True])
 def test_the_bus_drops_what_is_passed_over_often_until_it_is_wanted(lockstep: bool) -> None:
-    class LearningNode(ToyNode):
-        def receive(self, frame: Frame) -> list[Frame]:
-            if frame == REQUESTED:
-                self.ids = self.ids._replace(heard=self.ids.heard | {LEARNT})
-            return super().receive(frame)
-
     rare, often = Frame(0x401), Frame(LEARNT)
     frames = [(at, often) for at in range(100, 30_000, 200)]
     frames += [(at, rare) for at in range(110, 30_000, 400)]
@@ -701,12 +676,6 @@ def test_the_bus_drops_what_is_passed_over_often_until_it_is_wanted(lockstep: bo
 
 @pytest.mark.parametrize("lockstep", [False, True])
 def test_what_is_listened_to_anew_is_so_before_the_answer_is_sent(lockstep: bool) -> None:
-    class LearningNode(ToyNode):
-        def receive(self, frame: Frame) -> list[Frame]:
-            if frame == REQUESTED:
-                self.ids = self.ids._replace(heard=self.ids.heard | {LEARNT})
-            return super().receive(frame)
-
     host = Host([(1000, REQUESTED)], until=10_000)
     send = host.send
 
@@ -731,20 +700,6 @@ def test_sync_comes_to_a_node_in_lockstep_that_does_not_hear_it() -> None:
     assert node.advances == [1000], "a stopped node has its heartbeat"
 
 
-def test_lockstep_knows_no_clock() -> None:
-    host = Host(iter([(50_000, SYNC), (100_000, REQUESTED), (100_001, SYNC)]), until=150_000)
-    node = ToyNode()
-    run(node, host, lockstep=True)
-    assert node.advances == [1000, 1000]
-    assert [frame for _, frame in host.sent] == [
-        Frame(BOOT_UP + 1, b"\0"),
-        Frame(AT_SYNC + 1, (1000).to_bytes(8, "little")),
-        Frame(REPLY + 1),
-        Frame(AT_SYNC + 1, (2000).to_bytes(8, "little")),
-        Frame(OFF + 1, bytes(2)),
-    ]
-
-
 def test_sync_is_what_the_node_says_it_is() -> None:
     other = Frame(0x081)
     node = ToyNode()
@@ -757,18 +712,19 @@ def test_sync_is_what_the_node_says_it_is() -> None:
     assert node.passed == [SYNC, other]
 
 
-def fail(frame: Frame) -> list[Frame]:
+def fail(*_: Frame) -> list[Frame]:
     raise ZeroDivisionError
 
 
 @pytest.mark.parametrize("lockstep", [False, True])
-def test_failing_node_is_shut_down_and_the_bus_closed(
-    lockstep: bool, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("fails", ["receive", "follow", "stopped"])
+def test_whatever_fails_the_node_is_shut_down_and_the_bus_closed(
+    lockstep: bool, fails: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    node, host = ToyNode(), Host(iter([(0, REQUESTED)]), until=1000)
-    monkeypatch.setattr(node, "receive", fail)
+    node, host, observer = ToyNode(), Host(every(1000, SYNC), until=200_000), Observer()
+    monkeypatch.setattr(node if fails == "receive" else observer, fails, fail)
     with pytest.raises(ZeroDivisionError):
-        run(node, host, lockstep=lockstep)
+        run(node, host, lockstep=lockstep, observer=observer)
     assert host.sent[-1][1] == Frame(OFF + 1, bytes(2))
     assert host.closed == 1
 

@@ -10,15 +10,18 @@ from time import monotonic
 from typing import Any
 
 from aiohttp import ClientSession, ClientWebSocketResponse
+from nodes_on_a_bus import GUARD_S
 
 from smarttac_can.panel.instrument import Instrument
 from smarttac_can.panel.server import Panel, serve
 
-GUARD_S = 60.0
-"""Only ever waited for by a test that is about to fail."""
 HEARTBEAT_S = 1.0
 """Time of the heartbeat of a bench, in which a driver that is gone must be missed."""
 TOKEN = "secret"
+
+
+def refuse(constant: str) -> None:
+    raise AssertionError(f"a browser does not read {constant}")
 
 
 class Page:
@@ -33,7 +36,7 @@ class Page:
 
     async def follow(self) -> None:
         async for message in self.socket:
-            update = json.loads(message.data)
+            update = json.loads(message.data, parse_constant=refuse)
             if "n" not in update:
                 self.introduction = update
                 continue

@@ -1,7 +1,6 @@
 """The real server on loopback, and pages that look, drive, fall silent, die and attack."""
 
 import asyncio
-import json
 import time
 from contextlib import AsyncExitStack, suppress
 
@@ -253,28 +252,20 @@ def test_connections_that_say_nothing_hold_nobody_up() -> None:
 # A driver that is gone: 0 V within the time of the heartbeat.
 
 
-def test_a_closed_tab_is_0_v_at_once() -> None:
-    async def script(browser: Browser) -> None:
-        async with browser.page() as page:
-            await page.run_open_loop()
-            await page.socket.close()
-            await seconds_to_0_v(bench)
-            assert bench.answer == LEFT
-
-    bench = SimulatedBench()
-    browse(bench, script)
-
-
-def test_a_dead_browser_is_0_v_at_once() -> None:
-    """Its system closes the connection without a word."""
+@pytest.mark.parametrize("dead", [False, True], ids=["closed tab", "dead browser"])
+def test_a_page_that_has_left_is_0_v_at_once(dead: bool) -> None:
+    """The system of a dead browser closes the connection without a word."""
 
     async def script(browser: Browser) -> None:
         async with browser.page() as page:
             await page.run_open_loop()
-            connection = page.socket._response.connection
-            assert connection is not None
-            assert connection.transport is not None
-            connection.transport.abort()
+            if dead:
+                connection = page.socket._response.connection
+                assert connection is not None
+                assert connection.transport is not None
+                connection.transport.abort()
+            else:
+                await page.socket.close()
             await seconds_to_0_v(bench)
             assert bench.answer == LEFT
 
@@ -360,20 +351,6 @@ def test_an_instrument_that_has_failed_ends_the_server(monkeypatch: pytest.Monke
     browse(bench, script)
 
 
-def test_two_panels_of_one_process_are_two_benches() -> None:
-    async def script(browser: Browser) -> None:
-        async with browser.page() as page:
-            await page.run_open_loop()
-            assert voltage(bench) == 40.0
-            assert voltage(other) == 0.0
-
-    bench, other = SimulatedBench(), SimulatedBench()
-    with other:
-        while other.seen is None:
-            time.sleep(0.01)
-        browse(bench, script)
-
-
 # Updates
 
 
@@ -409,17 +386,6 @@ def test_a_page_that_does_not_read_holds_nobody_up() -> None:
     browse(SimulatedBench(), script)
 
 
-def test_the_loop_of_the_bench_goes_on_without_a_page() -> None:
-    async def script(_browser: Browser) -> None:
-        assert bench.seen is not None
-        before = bench.seen.view.values["Cycle.Cycles"]
-        await asyncio.sleep(0.5)
-        assert bench.seen.view.values["Cycle.Cycles"] > before
-
-    bench = SimulatedBench()
-    browse(bench, script)
-
-
 def test_a_server_that_ends_leaves_0_v() -> None:
     async def script(browser: Browser) -> None:
         page = browser.page()
@@ -429,14 +395,3 @@ def test_a_server_that_ends_leaves_0_v() -> None:
     bench = SimulatedBench()
     browse(bench, script)
     assert voltage(bench) == 0.0
-
-
-def test_what_is_sent_is_plain_json() -> None:
-    """No NaN, which a browser does not read."""
-
-    async def script(browser: Browser) -> None:
-        async with browser.page() as page:
-            await page.until(lambda: page.now.get("state"))
-            json.dumps([page.now, page.introduction], allow_nan=False)
-
-    browse(SimulatedBench(), script)
