@@ -356,12 +356,7 @@ def campaign(
     ]
     if output is not None:
         need_matplotlib()
-    if not can_compile():
-        click.echo(
-            "numba is not installed, or this is a build by mypyc: it takes some 30 times as long, "
-            "and more workers do not help: pip install 'smarttac-can[campaign]'",
-            err=True,
-        )
+    _warn_if_slow()
     with reporting(json_file, ClusterError, RecordError) as write_results, ExitStack() as stack:
         folder = (
             None if output is None else stack.enter_context(result_folder(output, CAMPAIGN_FILES))
@@ -391,6 +386,15 @@ def campaign(
         write_results(as_json(summaries), lines(summaries))
     if output is not None:
         click.echo(f"picture: {output / PICTURE}", err=json_file == Path("-"))
+
+
+def _warn_if_slow() -> None:
+    if not can_compile():
+        click.echo(
+            "numba is not installed, or this is a build by mypyc: it takes some 30 times as long, "
+            "and more workers do not help: pip install 'smarttac-can[campaign]'",
+            err=True,
+        )
 
 
 def _share_of(progress: Progress, number: int, count: int) -> Progress:
