@@ -164,11 +164,6 @@ class RPDO(PDO):
         """Whether the PDO takes effect at SYNC."""
         return self.alive and self.valid and self.transmission <= CYCLIC_LAST
 
-    @property
-    def in_time(self) -> bool:
-        """Whether the PDO has a deadline and is within it."""
-        return self.deadline.running
-
     def apply(self, entry: Entry) -> None:
         """Apply new parameters; a missed deadline stays missed."""
         self._drop()

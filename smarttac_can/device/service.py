@@ -111,6 +111,10 @@ class Service:
         Indices of the objects that hold its parameters.
     begins_anew
         Whether a write of an unchanged value has the same effect as any other write.
+    state
+        NMT state that was entered last.
+    alive
+        Whether the service is active.
     """
 
     states: ClassVar[frozenset[NMTState]] = frozenset()
@@ -120,6 +124,7 @@ class Service:
         self.port = port
         self.od = od
         self.objects = objects
+        self.state = NMTState.INITIALISING
         self.alive = False
 
     def check_read(self, entry: Entry) -> None:
@@ -130,18 +135,18 @@ class Service:
 
     def apply(self, entry: Entry) -> None:
         """Act on the value to which one of its objects was set."""
-        alive = self.alive
-        self.enter(None)
+        if self.alive:
+            self.cease()
         self.configure()
-        if alive:
-            self.alive = True
+        if self.alive:
             self.begin()
 
     def configure(self) -> None:
         """Read the parameters from the object dictionary; the service is then not active."""
 
-    def enter(self, state: NMTState | None) -> None:
-        """Start or stop as the NMT state requires; None, no state, stops the service."""
+    def enter(self, state: NMTState) -> None:
+        """Start or stop as the NMT state requires."""
+        self.state = state
         alive = state in self.states
         if alive != self.alive:
             self.alive = alive
@@ -165,21 +170,26 @@ class Service:
         return ()
 
 
+def check_can_id(cob_id: int) -> None:
+    """Raise `Abort` with VALUE for a COB-ID with a 29-bit or restricted CAN-ID."""
+    wide = COB_EXTENDED | ((COB_EXTENDED - 1) & ~CAN_ID_MASK)
+    if cob_id & wide or restricted(cob_id & CAN_ID_MASK):
+        raise Abort(AbortCode.VALUE)
+
+
 def check_cob_id(old: int, new: int) -> None:
     """Check the COB-ID for an object with a valid bit (PDO, EMCY, SDO server).
 
     Raises
     ------
     Abort
-        STATE if the CAN-ID would change while the object is valid, VALUE for 29-bit and
-        restricted CAN-IDs.
+        STATE if the CAN-ID would change while the object is valid; else as `check_can_id`.
     """
     if new & COB_INVALID:
         return
     if not old & COB_INVALID and (old ^ new) & (COB_EXTENDED | (COB_EXTENDED - 1)):
         raise Abort(AbortCode.STATE)
-    if new & (COB_EXTENDED | ((COB_EXTENDED - 1) & ~CAN_ID_MASK)) or restricted(new & CAN_ID_MASK):
-        raise Abort(AbortCode.VALUE)
+    check_can_id(new)
 
 
 class Access:
