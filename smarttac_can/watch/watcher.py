@@ -183,10 +183,7 @@ class Watcher:
         seen = self._published.at(now)
         read = self._raw_read(now)
         load, rate = self._load.at(now)
-        return view_of(
-            self._od,
-            seen,
-            read,
+        return view_of(self._od, seen, read)._replace(
             peers=tuple(node.at(now) for node in self._nodes),
             notes=tuple(self._notes(now)),
             cycle_rate=self._cycle_rate if "Cycle.Cycles" in read else None,
@@ -289,9 +286,6 @@ class Emergency(NamedTuple):
 class View(NamedTuple):
     """A stimulator and its bus at one instant; unknown values are None, empty or absent."""
 
-    peers: tuple[Peer, ...]
-    notes: tuple[str, ...]
-    """Sentences on what is wrong or missing."""
     state: str
     mode: str
     flags: tuple[str, ...]
@@ -302,36 +296,27 @@ class View(NamedTuple):
     The position, from the middle of the plate, and the COF are absent while the finger does not
     touch.
     """
-    cycle_rate: float | None
-    """Cycles per second."""
     latched: tuple[str, ...]
     """Texts of the latched faults."""
     remedies: tuple[str, ...]
     """What to do about each of them."""
-    emergencies: tuple[Emergency, ...]
+    peers: tuple[Peer, ...] = ()
+    notes: tuple[str, ...] = ()
+    """Sentences on what is wrong or missing."""
+    cycle_rate: float | None = None
+    """Cycles per second."""
+    emergencies: tuple[Emergency, ...] = ()
     """Emergency messages, newest first."""
-    history: tuple[tuple[float | None, float | None], ...]
+    history: tuple[tuple[float | None, float | None], ...] = ()
     """COF and reference at equal intervals, newest last."""
-    bus_load: float
+    bus_load: float = 0.0
     """Fraction of the last second in which the bus was busy, with the most stuff bits possible."""
-    frame_rate: float
+    frame_rate: float = 0.0
     """Number of frames in the last second."""
 
 
-def view_of(
-    od: ObjectDictionary,
-    seen: Mapping[str, int],
-    read: Mapping[str, int],
-    *,
-    peers: tuple[Peer, ...] = (),
-    notes: tuple[str, ...] = (),
-    cycle_rate: float | None = None,
-    emergencies: tuple[Emergency, ...] = (),
-    history: tuple[tuple[float | None, float | None], ...] = (),
-    bus_load: float = 0.0,
-    frame_rate: float = 0.0,
-) -> View:
-    """Return the view of raw values of a stimulator, together with other data.
+def view_of(od: ObjectDictionary, seen: Mapping[str, int], read: Mapping[str, int]) -> View:
+    """Return the view of raw values of a stimulator, as far as it follows from them.
 
     Parameters
     ----------
@@ -342,19 +327,12 @@ def view_of(
     """
     latched = [WATCHDOGS[each] for each in watchdogs_in(read.get("Diagnosis.Latched", 0))]
     return View(
-        peers=peers,
-        notes=notes,
         state=_state(seen),
         mode=_mode(seen),
         flags=tuple(spoken(flag) for flag in Status if seen.get("Statusword", 0) & flag),
         values=_values(od, seen, PUBLISHED) | _values(od, read, READ),
-        cycle_rate=cycle_rate,
         latched=tuple(row.text.partition(":")[0] for row in latched),
         remedies=tuple(row.remedy for row in latched),
-        emergencies=emergencies,
-        history=history,
-        bus_load=bus_load,
-        frame_rate=frame_rate,
     )
 
 
