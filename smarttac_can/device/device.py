@@ -246,7 +246,7 @@ class Device:
         self._storage.load()
         fixed = self._node_id not in (None, UNCONFIGURED)
         default = self.od.node_id if self._node_id is None else self._node_id
-        self._lss.load(default if fixed else self._storage.node_id or default)
+        self._lss.load(default if fixed else self._storage.image.node_id or default)
         self._off = True
         self._reset_node()
         return self._port.take()

@@ -253,15 +253,13 @@ class RPDO(PDO):
             self._application.on_rpdo(self.number)
 
     def _report(self, code: EmergencyCode, vendor: bytes) -> None:
-        if code not in self._faults:
-            self._faults.add(code)
-            vendor = self.number.to_bytes(2, "little") + vendor
-            self._emergency.report(code, ErrorRegister.COMMUNICATION, vendor, self.number)
+        self._faults.add(code)
+        vendor = self.number.to_bytes(2, "little") + vendor
+        self._emergency.report(code, ErrorRegister.COMMUNICATION, vendor, self.number)
 
     def _settle(self, code: EmergencyCode) -> None:
-        if code in self._faults:
-            self._faults.remove(code)
-            self._emergency.clear(code, self.number)
+        self._faults.discard(code)
+        self._emergency.clear(code, self.number)
 
     def _in_time(self) -> None:
         if self._late:

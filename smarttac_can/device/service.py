@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, ClassVar
 
 from smarttac_can.device.nmt import NMTState
@@ -248,22 +249,16 @@ class Access:
         Abort
             NO_OBJECT, NO_SUBINDEX, READ_ONLY, TOO_LONG, TOO_SHORT.
         """
-        try:
-            return self._writable(index, subindex, size)
-        except Abort as abort:
-            self._report(index, subindex, abort)
-            raise
-
-    def _writable(self, index: int, subindex: int, size: int | None) -> Entry:
-        if subindex == STRUCTURE_SUBINDEX and self._structure(index) is not None:
-            raise Abort(AbortCode.READ_ONLY)
-        entry = self._od.entry(index, subindex)
-        if not entry.writable:
-            raise Abort(AbortCode.READ_ONLY)
-        if size is not None and size > (entry.size or MAX_BYTES):
-            raise Abort(AbortCode.TOO_LONG)
-        if size is not None and size < entry.size:
-            raise Abort(AbortCode.TOO_SHORT)
+        with self._reporting(index, subindex):
+            if subindex == STRUCTURE_SUBINDEX and self._structure(index) is not None:
+                raise Abort(AbortCode.READ_ONLY)
+            entry = self._od.entry(index, subindex)
+            if not entry.writable:
+                raise Abort(AbortCode.READ_ONLY)
+            if size is not None and size > (entry.size or MAX_BYTES):
+                raise Abort(AbortCode.TOO_LONG)
+            if size is not None and size < entry.size:
+                raise Abort(AbortCode.TOO_SHORT)
         return entry
 
     def write(self, entry: Entry, data: bytes) -> None:
@@ -275,22 +270,16 @@ class Access:
             For a wrong type or limit, or as the service that owns the object or the application
             requires; the value of the entry is then unchanged.
         """
-        try:
-            self._write(entry, data)
-        except Abort as abort:
-            self._report(entry.index, entry.subindex, abort)
-            raise
-
-    def _write(self, entry: Entry, data: bytes) -> None:
-        value: Any = entry.unpack(data)
-        owners: Sequence[Service] = self._owners.get(entry.index, ())
-        for owner in owners:
-            owner.check(entry, value)
-        self._application.on_write(entry, value)
-        # A master that writes back what it read must not restart timers and counts.
-        if value == entry.value:
-            owners = [owner for owner in owners if owner.begins_anew]
-        self._put(entry, value, owners)
+        with self._reporting(entry.index, entry.subindex):
+            value: Any = entry.unpack(data)
+            owners: Sequence[Service] = self._owners.get(entry.index, ())
+            for owner in owners:
+                owner.check(entry, value)
+            self._application.on_write(entry, value)
+            # A master that writes back what it read must not restart timers and counts.
+            if value == entry.value:
+                owners = [owner for owner in owners if owner.begins_anew]
+            self._put(entry, value, owners)
 
     def put(self, entry: Entry, value: Any) -> None:
         """Set a value of the application, and apply it in the services, without checks."""
@@ -303,10 +292,16 @@ class Access:
         if owners:
             self._on_change()
 
-    def _report(self, index: int, subindex: int, abort: Abort) -> None:
-        entry = self._od.get(index, subindex)
-        name = f"{index:04X}h sub-index {subindex}" if entry is None else entry.name
-        self._application.on_refused(name, abort.explain(name))
+    @contextmanager
+    def _reporting(self, index: int, subindex: int) -> Iterator[None]:
+        """Report a write to the application if it is refused."""
+        try:
+            yield
+        except Abort as abort:
+            entry = self._od.get(index, subindex)
+            name = f"{index:04X}h sub-index {subindex}" if entry is None else entry.name
+            self._application.on_refused(name, abort.explain(name))
+            raise
 
     def _structure(self, index: int) -> int | None:
         """Return the content of sub-index FFh; None without the object, or if it is in the EDS."""
