@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any, ClassVar, Final
 
-from smarttac_can.device.emcy import Emergency, EmergencyConsumer, ErrorBehaviour, ErrorClass
+from smarttac_can.device.emcy import Emergency, EmergencyConsumer, ErrorBehaviour
 from smarttac_can.device.error_control import Guarding, HeartbeatConsumer, HeartbeatProducer, Losses
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.lss import LSS
@@ -350,11 +350,6 @@ class Device:
     def clear_emergency(self, code: int) -> None:
         """Clear an error of the application; an error that was not reported has no effect."""
         self._emergency.clear(code)
-
-    def react(self, error_class: ErrorClass) -> list[Frame]:
-        """React to an error of the application as the error behaviour object says."""
-        self._error_behaviour.react(error_class)
-        return self._port.take()
 
     def bus_off(self) -> list[Frame]:
         """Record that the CAN controller went bus-off, which is a communication error."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from enum import IntEnum
 from typing import Any, ClassVar, Final
 
 from smarttac_can.device.frame import Frame
@@ -200,20 +199,14 @@ class EmergencyConsumer(Service):
             self._application.on_emergency(int.from_bytes(frame.data[:2], "little"))
 
 
-class ErrorClass(IntEnum):
-    """Sub-indices of the error behaviour."""
-
-    COMMUNICATION = 1
-    ANALOGUE_INPUT = 3
-
-
+_COMMUNICATION: Final = 1
+"""Sub-index of the behaviour at a communication error."""
 _PRE_OPERATIONAL: Final = 0
-_NO_CHANGE: Final = 1
 _STOPPED: Final = 2
 
 
 class ErrorBehaviour(Service):
-    """Change the NMT state after an error, as the error behaviour object says.
+    """Change the NMT state after a communication error, as the error behaviour object says.
 
     Parameters
     ----------
@@ -237,10 +230,9 @@ class ErrorBehaviour(Service):
     def apply(self, entry: Entry) -> None:
         """Do nothing: the value is read at the next error."""
 
-    def react(self, error_class: ErrorClass = ErrorClass.COMMUNICATION) -> None:
-        """React to an error; without the object only a communication error ends OPERATIONAL."""
-        absent = _PRE_OPERATIONAL if error_class is ErrorClass.COMMUNICATION else _NO_CHANGE
-        behaviour = self.od.number(ERROR_BEHAVIOUR, error_class, absent)
+    def react(self) -> None:
+        """React to a communication error; without the object it ends OPERATIONAL."""
+        behaviour = self.od.number(ERROR_BEHAVIOUR, _COMMUNICATION, _PRE_OPERATIONAL)
         if behaviour == _PRE_OPERATIONAL and self.state is NMTState.OPERATIONAL:
             self._enter_state(NMTState.PRE_OPERATIONAL)
         elif behaviour == _STOPPED and self.alive and self.state is not NMTState.STOPPED:

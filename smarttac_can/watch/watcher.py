@@ -221,26 +221,19 @@ class Watcher:
         if reader is None:
             return {}
         return {
-            entry.name: reader.values[entry]
-            for entry, at in reader.read_at.items()
-            if entry in reader.values and now - at <= FORGOTTEN_S
+            entry.name: raw for entry, (at, raw) in reader.values.items() if now - at <= FORGOTTEN_S
         }
 
     def _follow(self, reader: SdoReader, now: float) -> None:
         """Apply the mapping once it is known, and update the rate of the cycles."""
         if reader.begun and not self._remapped:
             self._remapped = True
-            self._published.remap(reader.values, now)
-        cycles = self._od["Cycle.Cycles"]
-        at = reader.read_at.get(cycles)
-        if at is None or cycles not in reader.values:
-            self._cycles = None
-            return
-        if self._cycles is None or at > self._cycles[0]:
-            count = reader.values[cycles]
-            if self._cycles is not None and count >= self._cycles[1]:
-                self._cycle_rate = (count - self._cycles[1]) / (at - self._cycles[0])
-            self._cycles = at, count
+            self._published.remap({entry: raw for entry, (_, raw) in reader.values.items()}, now)
+        last, self._cycles = self._cycles, reader.values.get(self._od["Cycle.Cycles"])
+        if self._cycles is not None and last is not None and self._cycles[0] > last[0]:
+            time, count = self._cycles[0] - last[0], self._cycles[1] - last[1]
+            if count >= 0:
+                self._cycle_rate = count / time
 
 
 class Peer(NamedTuple):
@@ -510,18 +503,15 @@ class SdoReader:
     Attributes
     ----------
     values
-        Raw value of each entry that was read.
+        Time in s of the last read, and raw value, of each entry that was not refused.
     silent
         Whether the last request was not answered.
-    read_at
-        Time in s of the last read of each entry.
     """
 
     def __init__(self, node_id: int, once: Iterable[Entry], again: Iterable[Entry]) -> None:
         self._node_id = node_id
         self._once, self._again = list(once), list(again)
-        self.values: dict[Entry, int] = {}
-        self.read_at: dict[Entry, float] = {}
+        self.values: dict[Entry, tuple[float, int]] = {}
         self.silent = False
         self._asked: tuple[Entry, Frame] | None = None
         self._next = 0.0
@@ -531,7 +521,6 @@ class SdoReader:
     def restart(self) -> None:
         """Forget all values, and begin again with the first entry."""
         self.values.clear()
-        self.read_at.clear()
         self._asked = None
         self._open = set(self._once)
         self._turn = deque([*self._once, *self._again])
@@ -553,8 +542,7 @@ class SdoReader:
         self.silent = False
         self._next = max(self._next, now + PAUSE_S)
         try:
-            self.values[entry] = int(requests.value(frame, entry))
-            self.read_at[entry] = now
+            self.values[entry] = now, int(requests.value(frame, entry))
         except Abort:
             self.values.pop(entry, None)
         return True
