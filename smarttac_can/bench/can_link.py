@@ -38,7 +38,7 @@ from smarttac_can.device.nmt import NMTState
 from smarttac_can.host.drivers import opening, unknown_options
 from smarttac_can.host.kernel_filter import hear_only, hold_more
 from smarttac_can.master.errors import BenchError, BusLostError
-from smarttac_can.master.requests import asked, download, takes, written
+from smarttac_can.master.requests import asked, download, downloaded, written
 from smarttac_can.od.cia import (
     BOOT_UP,
     EMCY_ID,
@@ -678,7 +678,7 @@ class EveryCycle:
         elif entry := self._at.get(asked(frame, node_id) or (0, 0)):
             self._ask_for([entry])
         elif undone:
-            ended = [entry for entry in undone if takes(frame, node_id, entry)]
+            ended = [entry for entry in undone if frame == downloaded(node_id, entry)]
             undone.difference_update(ended)
             self._ask_for(ended)
 

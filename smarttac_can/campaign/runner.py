@@ -93,8 +93,6 @@ def chunks_of(missing: NDArray[np.intp]) -> list[range]:
 
 _LINE_MAX: Final = 1 << 16
 _FINGERS_MAX: Final = 1 << 32
-_OLDER: Final = {"plates": "model"}
-"""Values for keys that the header of an older file lacks."""
 
 
 class RecordError(Exception):
@@ -175,7 +173,6 @@ class Record:
     def _read(self, header: dict[str, Any]) -> int:
         """Read all chunks; return the offset after the last complete line."""
         end = 0
-        compiled = False
         for number, line in enumerate(self._lines(), 1):
             if not line.endswith(b"\n") and len(line) < _LINE_MAX:
                 # An unfinished first line must be the beginning of this header, not of another
@@ -186,14 +183,13 @@ class Record:
             try:
                 content = json.loads(line)
                 if number > 1:
-                    self._chunks.append(_chunk(content, compiled))
+                    self._chunks.append(_chunk(content))
                 elif not isinstance(content, dict) or "campaign" not in content:
                     raise ValueError
             except (ValueError, RecursionError) as error:
                 raise RecordError(f"{self._path}: line {number} is damaged") from error
             if number == 1:
                 self._require_same(content, header)
-                compiled = content.get("compiled", False)
             end += len(line)
         return end
 
@@ -204,8 +200,7 @@ class Record:
 
     def _require_same(self, content: dict[str, Any], header: dict[str, Any]) -> None:
         for key, value in header.items():
-            found = content.get(key, _OLDER.get(key))
-            if found != value:
+            if (found := content.get(key)) != value:
                 raise RecordError(
                     f"{self._path}: is of another campaign: {key} {found!r}, not {value!r}"
                 )
@@ -224,33 +219,21 @@ def _header(campaign: Campaign) -> dict[str, Any]:
     return {"campaign": __version__, **parameters(campaign)}
 
 
-def _chunk(content: Any, compiled: bool) -> _Chunk:
-    """Return a chunk that was read; raise ValueError if it is invalid.
-
-    Parameters
-    ----------
-    content
-        Content of the line. Rows of older files lack the single touches, which become NaN.
-    compiled
-        Value for a chunk without its own, as older files have it only in the header.
-    """
+def _chunk(content: Any) -> _Chunk:
+    """Return a chunk that was read; raise ValueError if it is invalid."""
     try:
-        compiled = content.get("compiled", compiled)
-        first, text, crc = content["first"], content["rows"], content["crc"]
-        rows = np.array(text, dtype=np.float64)
-    except (AttributeError, KeyError, TypeError, OverflowError) as error:
+        first, compiled, crc = content["first"], content["compiled"], content["crc"]
+        rows = np.array(content["rows"], dtype=np.float64)
+    except (KeyError, TypeError, OverflowError) as error:
         raise ValueError from error
     whole = isinstance(first, int) and 0 <= first < _FINGERS_MAX and rows.ndim == 2  # noqa: PLR2004
-    older = len(CURVES) + 1
     if (
         not whole
         or not isinstance(compiled, bool)
-        or rows.shape[1] not in (len(COLUMNS), older)
+        or rows.shape[1] != len(COLUMNS)
         or _crc(first, rows) != crc
     ):
         raise ValueError
-    if rows.shape[1] == older:
-        rows = np.insert(rows, [len(CURVES)] * (len(COLUMNS) - older), np.nan, axis=1)
     return _Chunk(first, rows, compiled)
 
 

@@ -41,7 +41,7 @@ def summary(campaign: Campaign, result: Result) -> dict[str, Any]:
     rows = result.rows
     names = (*CURVES, *(f"touch_{name}" for name in TOUCH_FIGURES))
     metrics = {name: _percentiles(column(rows, name)) for name in names}
-    # Without the touches, which follow from the same curves: as in older versions.
+    # Without the touches, which follow from the same curves.
     judged = np.delete(rows, np.s_[len(CURVES) : -1], axis=1)
     return {
         **parameters(campaign),

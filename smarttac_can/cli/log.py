@@ -48,8 +48,7 @@ from smarttac_can.od.cia import (
 )
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
-from smarttac_can.od.entry import Entry
-from smarttac_can.vocabulary.meanings import FIELDS, emergency_text
+from smarttac_can.vocabulary.meanings import emergency_text, meaning, meaning_of_bytes
 
 _PACKAGED: Final = {STIMULATOR_ID: "stimulator.eds", PLATE_ID: "plate.eds"}
 _DIRECTIONS: Final = (
@@ -133,7 +132,7 @@ class FrameText:
         specifier = command >> 5
         if specifier == carries and command & _EXPEDITED:
             size = 4 - (command >> 2 & 0b11) if command & _SIZED else 4
-            return f"{verbs[0]} {what} = {_value(entry, data[4 : 4 + size])}"
+            return f"{verbs[0]} {what} = {meaning_of_bytes(entry, data[4 : 4 + size])}"
         if specifier == carries:
             return f"{verbs[0]} {what}, in segments"
         if specifier == (3 if answer else _UPLOAD):
@@ -169,33 +168,7 @@ def _pdo(mapping: Mapping, data: bytes) -> str:
     if len(data) < mapping.size:
         return f"{data.hex(' ')}, {mapping.size} bytes are mapped"
     values = zip(mapping.entries, mapping.read(data[: mapping.size]), strict=True)
-    return ", ".join(f"{entry.name} {_shown(entry, raw)}" for entry, raw in values) or "empty"
-
-
-def _value(entry: Entry | None, data: bytes) -> str:
-    if entry is None:
-        return data.hex(" ")
-    try:
-        return _shown(entry, entry.unpack(data[: entry.size or None]))
-    except Abort:
-        return data.hex(" ")
-
-
-def _shown(entry: Entry, raw: object) -> str:
-    """Return a value with its unit, a word as its bits, or a number with a name as that name."""
-    if not isinstance(raw, int):
-        return repr(raw)
-    fields = FIELDS.get(entry.name, ())
-    if fields:
-        parts = []
-        for field in fields:
-            bits = raw >> field.start & (1 << field.length) - 1
-            if field.values:
-                parts.append(field.values.get(bits, str(bits)))
-            elif bits:
-                parts.append(field.name)
-        return "+".join(parts) or "0"
-    return entry.shown(raw)
+    return ", ".join(f"{entry.name} {meaning(entry, raw)}" for entry, raw in values) or "empty"
 
 
 def _node_eds(

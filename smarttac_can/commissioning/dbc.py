@@ -6,7 +6,7 @@ import re
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
 from decimal import Decimal
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple
 
 from cantools.database.can import Database, Message, Node, Signal
 from cantools.database.conversion import BaseConversion
@@ -16,33 +16,13 @@ from smarttac_can.device.nmt import STATES
 from smarttac_can.od import cia
 from smarttac_can.od.data_types import REAL, SIGNED
 from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.od.entry import Entry
-
-
-class Bits(Protocol):
-    """Bits of an object that have a meaning of their own."""
-
-    @property
-    def name(self) -> str:
-        """Name that is appended to that of the object; empty for the whole object."""
-
-    @property
-    def start(self) -> int:
-        """Number of the lowest bit, from 0."""
-
-    @property
-    def length(self) -> int:
-        """Number of bits."""
-
-    @property
-    def values(self) -> Mapping[int, str]:
-        """Names of the values; empty for numbers and flags."""
+from smarttac_can.od.entry import BitField, Entry
 
 
 class Names(NamedTuple):
     """Names for the numbers of a device."""
 
-    fields: Mapping[str, Sequence[Bits]] = {}
+    fields: Mapping[str, Sequence[BitField]] = {}
     """Fields by the name of the object; bits in no field of it are omitted from the DBC."""
     emergencies: Mapping[int, str] = {}
     """Names by emergency error code."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any, ClassVar, Final
 
-from smarttac_can.device.emcy import Emergency, EmergencyConsumer, ErrorBehaviour, ErrorClass
-from smarttac_can.device.error_control import Guarding, HeartbeatConsumer, HeartbeatProducer
+from smarttac_can.device.emcy import Emergency, EmergencyConsumer, ErrorBehaviour
+from smarttac_can.device.error_control import Guarding, HeartbeatConsumer, HeartbeatProducer, Losses
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.lss import LSS
-from smarttac_can.device.nmt import ALL_STATES, NMTState, commands_to
+from smarttac_can.device.nmt import ALL_STATES, COMMANDS, NMTState
 from smarttac_can.device.pdo import ProcessData
 from smarttac_can.device.port import Clock, Identifiers, Port
 from smarttac_can.device.sdo import SDOServer
@@ -37,106 +37,7 @@ from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 
 _NO_AUTOSTART: Final = 4
-
-
-class NMTSlave:
-    """Step object dictionary, services and application through the NMT states.
-
-    Parameters
-    ----------
-    od, application, autostart
-        As for `Device`.
-    listen
-        Function that is called in each lasting state, after the services have entered it.
-
-    Attributes
-    ----------
-    state
-        Present NMT state; INITIALISING before power-on.
-    on_frame
-        Handler of NMT frames.
-    """
-
-    def __init__(
-        self,
-        od: ObjectDictionary,
-        application: Application,
-        autostart: bool,
-        listen: Callable[[], None],
-    ) -> None:
-        self._od = od
-        self._application = application
-        self._autostart = autostart
-        self._listen = listen
-        self._off = True
-        self.state = NMTState.INITIALISING
-        self.on_frame = commands_to(lambda: self._lss.node_id, self._request)
-
-    def lead(
-        self,
-        services: tuple[Service, ...],
-        lss: LSS,
-        storage: ParameterStorage,
-        heartbeat: HeartbeatProducer,
-    ) -> None:
-        """Set the services, in the order in which they enter a state, and three of them by name."""
-        self._services = services
-        self._lss = lss
-        self._storage = storage
-        self._heartbeat = heartbeat
-
-    def power_on(self) -> None:
-        """Start as at power-on, whatever the state was."""
-        self._off = True
-        self.begin()
-
-    def begin(self) -> None:
-        """Restart with the node-ID of LSS, as after reset node."""
-        self._initialise(NMTState.RESET_APPLICATION)
-
-    def enter(self, state: NMTState) -> None:
-        """Enter a lasting state."""
-        self.state = state
-        for service in self._services:
-            service.enter(state)
-        self._listen()
-        self._application.on_state(state)
-
-    def _request(self, state: NMTState) -> None:
-        if state in (NMTState.RESET_APPLICATION, NMTState.RESET_COMMUNICATION):
-            self._initialise(state)
-        elif state != self.state and not self._off:
-            self.enter(state)
-
-    def _initialise(self, state: NMTState) -> None:
-        self.state = state
-        for service in self._services:
-            service.enter(state)
-        self._lss.node_id = self._lss.pending
-        if self._lss.node_id == UNCONFIGURED:
-            self._off = True
-            self.enter(NMTState.INITIALISING)
-            return
-        self._od.renumber(self._lss.node_id)
-        power_on = self._off or state is NMTState.RESET_APPLICATION
-        first, last = (0, LAST_INDEX) if power_on else (COMMUNICATION_FIRST, COMMUNICATION_LAST)
-        self._off = False
-        self._od.reset(first, last)
-        self._storage.restore(first, last)
-        if power_on:
-            self.state = NMTState.RESET_APPLICATION
-            self._application.on_state(self.state)
-        self.state = NMTState.RESET_COMMUNICATION
-        self._application.on_state(self.state)
-        self._storage.note_presets()
-        for service in self._services:
-            service.configure()
-        self._heartbeat.boot_up()
-        self._storage.report()
-        self.enter(NMTState.PRE_OPERATIONAL)
-        startup = self._od.number(NMT_STARTUP, absent=_NO_AUTOSTART)
-        if power_on and (self._autostart or not startup & _NO_AUTOSTART):
-            self.enter(NMTState.OPERATIONAL)
+_COMMAND_BYTES: Final = 2
 
 
 GONE_AFTER_US: Final = 3_000_000
@@ -236,6 +137,8 @@ class Device:
     ----------
     clock
         Device time, and the time at which the next timer expires.
+    nmt_state
+        Present NMT state; INITIALISING before `start`.
     ids
         CAN-IDs of the device; replaced by a new object when they change.
     sync
@@ -263,23 +166,26 @@ class Device:
         self._node_id = node_id
         self.clock = clock or Clock()
         self._port = port = Port(self.clock)
-        self._nmt = nmt = NMTSlave(od, application, autostart, self._listen)
+        self._autostart = autostart
+        self._off = True
+        self.nmt_state = NMTState.INITIALISING
         self._emergency = emergency = Emergency(port, od)
         self._storage = ParameterStorage(port, od, emergency, storage or Memory(), application)
-        self._lss = LSS(port, od, self._storage, nmt.begin)
+        self._lss = LSS(port, od, self._storage, self._reset_node)
         self._time_stamp = TimeStamp(port, od)
         if (eds := od.get(STORE_EDS)) is not None and eds.data_type == DataType.DOMAIN:
             eds.default = eds.value = od.text.encode("latin-1", "replace")
         self._heartbeat = heartbeat = HeartbeatProducer(port, od)
         self._collision = Collision(port, od, application, lambda: self._services)
-        self._error_behaviour = ErrorBehaviour(port, od, nmt.enter)
+        self._error_behaviour = ErrorBehaviour(port, od, self._enter)
         self._pdos = pdos = ProcessData(port, od, emergency, application, loop_tpdos, loop_rpdos)
         self.sync = pdos.sync
         self._access = access = Access(od, application, self._take_parameters)
         servers = [i for i in od.objects if SDO_SERVER_FIRST < i <= SDO_SERVER_LAST]
-        react = self._error_behaviour.react
-        self._watches = HeartbeatConsumer(port, od, emergency, application, react)
-        self._guarding = Guarding(port, od, emergency, application, react)
+        losses = Losses(emergency, application, self._error_behaviour.react)
+        self._watches = HeartbeatConsumer(port, od, application, losses)
+        self._guarding = Guarding(port, od, losses)
+        # They enter a state in this order.
         # Emergency is first: errors that the others report while they cease are then queued.
         self._services: tuple[Service, ...] = (
             emergency,
@@ -297,7 +203,6 @@ class Device:
             *pdos.rpdos.values(),
             *pdos.tpdos.values(),
         )
-        nmt.lead(self._services, self._lss, self._storage, heartbeat)
         access.ask(self._services)
         self.ids = Identifiers()
 
@@ -305,11 +210,6 @@ class Device:
     def node_id(self) -> int:
         """Node-ID, 1..127; 255 while the device has none."""
         return self._lss.node_id
-
-    @property
-    def nmt_state(self) -> NMTState:
-        """Present NMT state; INITIALISING before `start`."""
-        return self._nmt.state
 
     @property
     def bit_rate(self) -> int | None:
@@ -334,7 +234,7 @@ class Device:
     @property
     def guarded(self) -> bool:
         """Whether a master guards this node, so that a loss of the master would be detected."""
-        return self._guarding.in_time
+        return self._guarding.timer.running
 
     @property
     def time(self) -> int | None:
@@ -346,8 +246,9 @@ class Device:
         self._storage.load()
         fixed = self._node_id not in (None, UNCONFIGURED)
         default = self.od.node_id if self._node_id is None else self._node_id
-        self._lss.load(default if fixed else self._storage.node_id or default)
-        self._nmt.power_on()
+        self._lss.load(default if fixed else self._storage.image.node_id or default)
+        self._off = True
+        self._reset_node()
         return self._port.take()
 
     def receive(self, frame: Frame) -> list[Frame]:
@@ -394,7 +295,7 @@ class Device:
 
     def in_time(self, rpdo: int) -> bool:
         """Return whether an RPDO, numbered from 1, has a deadline and is within it."""
-        return self._pdos.rpdos[rpdo].in_time
+        return self._pdos.rpdos[rpdo].deadline.running
 
     def silence(self, ahead: int) -> float:
         """Return the largest elapsed fraction of the time-outs of supervised nodes and guarding.
@@ -450,11 +351,6 @@ class Device:
         """Clear an error of the application; an error that was not reported has no effect."""
         self._emergency.clear(code)
 
-    def react(self, error_class: ErrorClass) -> list[Frame]:
-        """React to an error of the application as the error behaviour object says."""
-        self._error_behaviour.react(error_class)
-        return self._port.take()
-
     def bus_off(self) -> list[Frame]:
         """Record that the CAN controller went bus-off, which is a communication error."""
         self._error_behaviour.react()
@@ -466,10 +362,68 @@ class Device:
         self._emergency.clear(EmergencyCode.BUS_OFF_RECOVERED)
         return self._port.take()
 
+    def _on_nmt(self, frame: Frame) -> None:
+        """Enter the state that is commanded to this node or to all."""
+        data = frame.data
+        if (
+            len(data) != _COMMAND_BYTES
+            or data[0] not in COMMANDS
+            or data[1] not in (0, self.node_id)
+            or frame.rtr
+        ):
+            return
+        state = COMMANDS[data[0]]
+        if state in (NMTState.RESET_APPLICATION, NMTState.RESET_COMMUNICATION):
+            self._initialise(state)
+        elif state != self.nmt_state and not self._off:
+            self._enter(state)
+
+    def _enter(self, state: NMTState) -> None:
+        """Enter a lasting state."""
+        self.nmt_state = state
+        for service in self._services:
+            service.enter(state)
+        self._listen()
+        self._application.on_state(state)
+
+    def _reset_node(self) -> None:
+        """Restart with the node-ID of LSS."""
+        self._initialise(NMTState.RESET_APPLICATION)
+
+    def _initialise(self, state: NMTState) -> None:
+        self.nmt_state = state
+        for service in self._services:
+            service.enter(state)
+        self._lss.node_id = self._lss.pending
+        if self._lss.node_id == UNCONFIGURED:
+            self._off = True
+            self._enter(NMTState.INITIALISING)
+            return
+        self.od.renumber(self._lss.node_id)
+        power_on = self._off or state is NMTState.RESET_APPLICATION
+        first, last = (0, LAST_INDEX) if power_on else (COMMUNICATION_FIRST, COMMUNICATION_LAST)
+        self._off = False
+        self.od.reset(first, last)
+        self._storage.restore(first, last)
+        if power_on:
+            self.nmt_state = NMTState.RESET_APPLICATION
+            self._application.on_state(self.nmt_state)
+        self.nmt_state = NMTState.RESET_COMMUNICATION
+        self._application.on_state(self.nmt_state)
+        self._storage.note_presets()
+        for service in self._services:
+            service.configure()
+        self._heartbeat.boot_up()
+        self._storage.report()
+        self._enter(NMTState.PRE_OPERATIONAL)
+        startup = self.od.number(NMT_STARTUP, absent=_NO_AUTOSTART)
+        if power_on and (self._autostart or not startup & _NO_AUTOSTART):
+            self._enter(NMTState.OPERATIONAL)
+
     def _listen(self) -> None:
         # The host filters frames before the device sees an NMT command in front of them, so the
         # filter covers all NMT states. A device without node-ID has no other state.
-        waiting = self._nmt.state is NMTState.INITIALISING
+        waiting = self.nmt_state is NMTState.INITIALISING
         self._register([service for service in self._services if service.alive or not waiting])
         heard = frozenset(self._port.listeners)
         self._register([service for service in self._services if service.alive])
@@ -481,7 +435,7 @@ class Device:
 
     def _register(self, services: Iterable[Service]) -> None:
         self._port.listeners.clear()
-        self._port.listen(NMT_ID, self._nmt.on_frame)
+        self._port.listen(NMT_ID, self._on_nmt)
         for service in services:
             service.listen()
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from enum import IntEnum
 from typing import Any, ClassVar, Final
 
 from smarttac_can.device.frame import Frame
@@ -75,14 +74,18 @@ class Emergency(Service):
             self._count.value = min(self._count.value + 1, len(self._history))
         self._enqueue(code, vendor)
 
-    def clear(self, code: int, source: int = 0) -> None:
-        """Clear an error; send 0000h when no error with this code is left."""
+    def clear(self, code: int, source: int = 0) -> bool:
+        """Clear an error, and return whether there was one.
+
+        When no error with this code is left, 0000h is sent.
+        """
         if self._active.pop((code, source), None) is None:
-            return
+            return False
         if any(other == code for other, _ in self._active):
             self._update_register()
         else:
             self._enqueue(EmergencyCode.RESET, bytes(5))
+        return True
 
     def check_read(self, entry: Entry) -> None:
         """Refuse to read an unused entry of the history.
@@ -118,14 +121,9 @@ class Emergency(Service):
         self._update_register()
         self._read_parameters()
 
-    def enter(self, state: NMTState | None) -> None:
-        """Enter a state; when STOPPED is left, only the latest waiting message is sent."""
-        if not self.alive:
-            del self._queue[:-1]
-        super().enter(state)
-
     def begin(self) -> None:
-        """Send the waiting messages, at the rate of the inhibit time."""
+        """Send only the latest of the messages that have waited, as when STOPPED is left."""
+        del self._queue[:-1]
         self._send_next()
 
     def cease(self) -> None:
@@ -201,20 +199,14 @@ class EmergencyConsumer(Service):
             self._application.on_emergency(int.from_bytes(frame.data[:2], "little"))
 
 
-class ErrorClass(IntEnum):
-    """Sub-indices of the error behaviour."""
-
-    COMMUNICATION = 1
-    ANALOGUE_INPUT = 3
-
-
+_COMMUNICATION: Final = 1
+"""Sub-index of the behaviour at a communication error."""
 _PRE_OPERATIONAL: Final = 0
-_NO_CHANGE: Final = 1
 _STOPPED: Final = 2
 
 
 class ErrorBehaviour(Service):
-    """Change the NMT state after an error, as the error behaviour object says.
+    """Change the NMT state after a communication error, as the error behaviour object says.
 
     Parameters
     ----------
@@ -229,7 +221,6 @@ class ErrorBehaviour(Service):
     ) -> None:
         super().__init__(port, od, (ERROR_BEHAVIOUR,))
         self._enter_state = enter_state
-        self._state = NMTState.INITIALISING
 
     def check(self, entry: Entry, value: Any) -> None:
         """Refuse a value other than 0, 1 and 2, which CiA 301 defines."""
@@ -239,17 +230,10 @@ class ErrorBehaviour(Service):
     def apply(self, entry: Entry) -> None:
         """Do nothing: the value is read at the next error."""
 
-    def enter(self, state: NMTState | None) -> None:
-        """Record the NMT state, on which the reaction depends."""
-        super().enter(state)
-        if state is not None:
-            self._state = state
-
-    def react(self, error_class: ErrorClass = ErrorClass.COMMUNICATION) -> None:
-        """React to an error; without the object only a communication error ends OPERATIONAL."""
-        absent = _PRE_OPERATIONAL if error_class is ErrorClass.COMMUNICATION else _NO_CHANGE
-        behaviour = self.od.number(ERROR_BEHAVIOUR, error_class, absent)
-        if behaviour == _PRE_OPERATIONAL and self._state is NMTState.OPERATIONAL:
+    def react(self) -> None:
+        """React to a communication error; without the object it ends OPERATIONAL."""
+        behaviour = self.od.number(ERROR_BEHAVIOUR, _COMMUNICATION, _PRE_OPERATIONAL)
+        if behaviour == _PRE_OPERATIONAL and self.state is NMTState.OPERATIONAL:
             self._enter_state(NMTState.PRE_OPERATIONAL)
-        elif behaviour == _STOPPED and self.alive and self._state is not NMTState.STOPPED:
+        elif behaviour == _STOPPED and self.alive and self.state is not NMTState.STOPPED:
             self._enter_state(NMTState.STOPPED)

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Final
 
 from smarttac_can.device.emcy import Emergency
 from smarttac_can.device.frame import Frame
-from smarttac_can.device.nmt import ALL_STATES, NMTState
+from smarttac_can.device.nmt import ALL_STATES
 from smarttac_can.device.port import Port
 from smarttac_can.device.service import Application, Service
 from smarttac_can.od.cia import (
@@ -41,7 +41,6 @@ class HeartbeatProducer(Service):
     def __init__(self, port: Port, od: ObjectDictionary) -> None:
         super().__init__(port, od, (HEARTBEAT_PRODUCER,))
         self._timer = port.clock.timer(self._send)
-        self._state = NMTState.INITIALISING
         self._period = 0
 
     @property
@@ -56,12 +55,6 @@ class HeartbeatProducer(Service):
     def unasked(self) -> Frame | None:
         """Return the next heartbeat with the present state; None without a producer time."""
         return self._made() if self._period else None
-
-    def enter(self, state: NMTState | None) -> None:
-        """Record the NMT state, which the next heartbeat carries."""
-        if state is not None:
-            self._state = state
-        super().enter(state)
 
     def apply(self, entry: Entry) -> None:
         """Restart with the written producer time, and send a heartbeat immediately."""
@@ -86,7 +79,37 @@ class HeartbeatProducer(Service):
         self.port.out.append(self._made())
 
     def _made(self) -> Frame:
-        return Frame(HEARTBEAT_ID + self.od.node_id, bytes((self._state,)))
+        return Frame(HEARTBEAT_ID + self.od.node_id, bytes((self.state,)))
+
+
+class Losses:
+    """Report the loss of a supervised node by EMCY 8130h, and clear it when the node is back.
+
+    Parameters
+    ----------
+    react
+        Function called at a loss, after the application.
+    """
+
+    def __init__(
+        self, emergency: Emergency, application: Application, react: Callable[[], None]
+    ) -> None:
+        self._emergency = emergency
+        self._application = application
+        self._react = react
+
+    def report(self, node_id: int) -> None:
+        """Report that a node is silent; node-ID 0 is the master that guards this node."""
+        self._emergency.report(
+            EmergencyCode.ERROR_CONTROL, ErrorRegister.COMMUNICATION, bytes((node_id,)), node_id
+        )
+        self._application.on_error_control(node_id, True)
+        self._react()
+
+    def clear(self, node_id: int) -> None:
+        """Clear the loss of a node, if it was reported."""
+        if self._emergency.clear(EmergencyCode.ERROR_CONTROL, node_id):
+            self._application.on_error_control(node_id, False)
 
 
 class Monitor:
@@ -116,15 +139,6 @@ class Monitor:
         """Consumer time in us, 0 for none."""
         return 1000 * (self.parameter & 0xFFFF)
 
-    @property
-    def in_time(self) -> bool:
-        """Whether a heartbeat was received within the consumer time."""
-        return self.timer.running
-
-    def stop(self) -> None:
-        """Stop the supervision; it restarts with the next heartbeat of the node."""
-        self.timer.stop()
-
     def follow(self, parameter: int) -> None:
         """Set another consumer time for the same node, which counts from its last heartbeat."""
         self.parameter = parameter
@@ -141,7 +155,7 @@ class Monitor:
 
 
 class HeartbeatConsumer(Service):
-    """Report EMCY 8130h when a supervised node is silent, and clear it when the node returns.
+    """Supervise the heartbeats of other nodes.
 
     Attributes
     ----------
@@ -152,27 +166,20 @@ class HeartbeatConsumer(Service):
     states: ClassVar = ALL_STATES
 
     def __init__(
-        self,
-        port: Port,
-        od: ObjectDictionary,
-        emergency: Emergency,
-        application: Application,
-        on_loss: Callable[[], None],
+        self, port: Port, od: ObjectDictionary, application: Application, losses: Losses
     ) -> None:
         super().__init__(port, od, (HEARTBEAT_CONSUMER,))
-        self._emergency = emergency
         self._application = application
-        self._absent: set[int] = set()
-        self._on_loss = on_loss
+        self._losses = losses
         watched = od.objects.get(HEARTBEAT_CONSUMER)
         entries = [] if watched is None else [e for s, e in watched.entries.items() if s]
-        self._monitors = {e.subindex: Monitor(port, self._lost, self._heard) for e in entries}
+        self._monitors = {e.subindex: Monitor(port, losses.report, self._heard) for e in entries}
         self.timers = [monitor.timer for monitor in self._monitors.values()]
 
     @property
     def in_time(self) -> frozenset[int]:
         """Supervised nodes whose heartbeat was received within the consumer time."""
-        return frozenset(m.node_id for m in self._monitors.values() if m.in_time)
+        return frozenset(m.node_id for m in self._monitors.values() if m.timer.running)
 
     def check(self, entry: Entry, value: Any) -> None:
         """Refuse reserved bits, and a second entry for the same node.
@@ -200,20 +207,19 @@ class HeartbeatConsumer(Service):
         if value & 0xFFFF and value >> 16 & 0xFF == monitor.node_id:
             monitor.follow(value)
             return
-        monitor.stop()
-        self._found(monitor.node_id)
+        monitor.timer.stop()
+        self._losses.clear(monitor.node_id)
         monitor.parameter = value
 
     def configure(self) -> None:
-        """Read which nodes to supervise; none counts as lost."""
-        self._absent.clear()
+        """Read which nodes to supervise."""
         for subindex, monitor in self._monitors.items():
             monitor.parameter = self.od.entry(HEARTBEAT_CONSUMER, subindex).value
 
     def cease(self) -> None:
         """Stop all supervision; each restarts with the next heartbeat of its node."""
         for monitor in self._monitors.values():
-            monitor.stop()
+            monitor.timer.stop()
 
     def listen(self) -> None:
         """Listen to the heartbeats of the supervised nodes."""
@@ -221,26 +227,13 @@ class HeartbeatConsumer(Service):
             if monitor.period and 1 <= monitor.node_id <= LAST_NODE_ID:
                 self.port.listen(HEARTBEAT_ID + monitor.node_id, monitor.receive)
 
-    def _lost(self, node_id: int) -> None:
-        self._emergency.report(
-            EmergencyCode.ERROR_CONTROL, ErrorRegister.COMMUNICATION, bytes((node_id,)), node_id
-        )
-        self._absent.add(node_id)
-        self._application.on_error_control(node_id, True)
-        self._on_loss()
-
     def _heard(self, node_id: int, state: int) -> None:
-        self._found(node_id)
+        self._losses.clear(node_id)
         self._application.on_heartbeat(node_id, state)
 
-    def _found(self, node_id: int) -> None:
-        self._emergency.clear(EmergencyCode.ERROR_CONTROL, node_id)
-        if node_id in self._absent:
-            self._absent.remove(node_id)
-            self._application.on_error_control(node_id, False)
 
-
-_TOGGLE = 0x80
+_TOGGLE: Final = 0x80
+_LIFE_GUARDING: Final = 0
 
 
 class Guarding(Service):
@@ -257,29 +250,13 @@ class Guarding(Service):
 
     states: ClassVar = ALL_STATES
 
-    def __init__(
-        self,
-        port: Port,
-        od: ObjectDictionary,
-        emergency: Emergency,
-        application: Application,
-        on_loss: Callable[[], None],
-    ) -> None:
+    def __init__(self, port: Port, od: ObjectDictionary, losses: Losses) -> None:
         super().__init__(port, od, (GUARD_TIME, LIFE_TIME_FACTOR, HEARTBEAT_PRODUCER))
-        self._emergency = emergency
-        self._application = application
-        self._lost = False
-        self._on_loss = on_loss
-        self.timer = port.clock.timer(self._on_life_time)
-        self._state = NMTState.INITIALISING
+        self._losses = losses
+        self.timer = port.clock.timer(lambda: losses.report(_LIFE_GUARDING))
         self._toggle = 0
         self._active = False
         self._life_time = 0
-
-    @property
-    def in_time(self) -> bool:
-        """Whether life guarding is active and the last remote frame was in time."""
-        return self.timer.running
 
     def configure(self) -> None:
         """Read the parameters; the guard time is in ms."""
@@ -288,12 +265,6 @@ class Guarding(Service):
         self._active = supported and not number(HEARTBEAT_PRODUCER)
         self._life_time = 1000 * number(GUARD_TIME) * number(LIFE_TIME_FACTOR)
         self._toggle = 0
-
-    def enter(self, state: NMTState | None) -> None:
-        """Record the NMT state, which the next answer carries."""
-        if state is not None:
-            self._state = state
-        super().enter(state)
 
     def apply(self, entry: Entry) -> None:
         """Apply new parameters; another life time counts from the last remote frame."""
@@ -306,7 +277,7 @@ class Guarding(Service):
     def cease(self) -> None:
         """Stop life guarding, and wait for a first remote frame."""
         self.timer.stop()
-        self._found()
+        self._losses.clear(_LIFE_GUARDING)
 
     def listen(self) -> None:
         """Listen to remote frames that request the NMT state, unless the heartbeat is enabled."""
@@ -317,20 +288,8 @@ class Guarding(Service):
         """Answer a remote frame with state and toggle bit, and restart the life time."""
         if not frame.rtr:
             return
-        self.port.out.append(Frame(frame.can_id, bytes((self._toggle | self._state,))))
+        self.port.out.append(Frame(frame.can_id, bytes((self._toggle | self.state,))))
         self._toggle ^= _TOGGLE
         if self._life_time:
             self.timer.start(self._life_time)
-            self._found()
-
-    def _found(self) -> None:
-        self._emergency.clear(EmergencyCode.ERROR_CONTROL)
-        if self._lost:
-            self._lost = False
-            self._application.on_error_control(0, False)
-
-    def _on_life_time(self) -> None:
-        self._emergency.report(EmergencyCode.ERROR_CONTROL, ErrorRegister.COMMUNICATION)
-        self._lost = True
-        self._application.on_error_control(0, True)
-        self._on_loss()
+            self._losses.clear(_LIFE_GUARDING)

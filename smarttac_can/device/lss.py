@@ -46,7 +46,9 @@ _FASTSCAN_START: Final = 0x80
 # The identity has four numbers of 32 bits.
 _LAST_BIT: Final = 31
 _LAST_PART: Final = 3
-# Index into the identity and comparison, for the six parts of identify remote slave.
+# Index into the identity and comparison, for the parts of switch selective and of identify remote
+# slave: vendor, product, revision and serial number, of the last two the lowest and the highest.
+_SELECTION: Final = ((0, 0), (1, 0), (2, 0), (3, 0))
 _LIMITS: Final = ((0, 0), (1, 0), (2, 1), (2, -1), (3, 1), (3, -1))
 
 
@@ -105,7 +107,7 @@ class LSS(Service):
     def load(self, node_id: int) -> None:
         """Set the node-ID after the next reset, 255 for none, and load the stored bit timing."""
         self.pending = node_id
-        self._bit_timing = self._storage.bit_timing
+        self._bit_timing = self._storage.image.bit_timing
 
     def cease(self) -> None:
         """Return to the waiting state: the device is not selected for configuration."""
@@ -174,34 +176,28 @@ class LSS(Service):
             self._on_configured()
 
     def _select(self, part: int, number: int) -> None:
-        """Take one number of a selection; all four in order select the device.
-
-        The order is vendor, product, revision and serial number.
-        """
-        if part not in (0, self._selected) or number != self._identity[part]:
+        """Take one number of a selection; all four in order select the device."""
+        self._selected = self._matched(_SELECTION, self._selected, part, number)
+        if self._selected == len(_SELECTION):
             self._selected = 0
-        else:
-            self._selected = part + 1
-            if self._selected == len(self._identity):
-                self._selected = 0
-                self._configuring = True
-                self._answer(SWITCHED)
+            self._configuring = True
+            self._answer(SWITCHED)
 
     def _identify(self, part: int, number: int) -> None:
-        """Take one number of an identification; answer after the last one if all match.
+        """Take one number of an identification; answer after the last one if all match."""
+        self._identified = self._matched(_LIMITS, self._identified, part, number)
+        if self._identified == len(_LIMITS):
+            self._identified = 0
+            self._answer(IDENTIFIED)
 
-        The order is vendor, product, lowest and highest revision, lowest and highest serial number.
-        """
-        which, sign = _LIMITS[part]
+    def _matched(
+        self, parts: tuple[tuple[int, int], ...], before: int, part: int, number: int
+    ) -> int:
+        """Return how many parts have matched in order with this one; 0 if it does not match."""
+        which, sign = parts[part]
         difference = self._identity[which] - number
         fits = difference * sign >= 0 if sign else not difference
-        if part not in (0, self._identified) or not fits:
-            self._identified = 0
-        else:
-            self._identified = part + 1
-            if self._identified == len(_LIMITS):
-                self._identified = 0
-                self._answer(IDENTIFIED)
+        return part + 1 if fits and part in (0, before) else 0
 
     def _fastscan(self, number: int, bit: int, part: int, following: int) -> None:
         """Answer if this part of the identity equals ``number`` from ``bit`` upwards."""

@@ -9,7 +9,7 @@ from enum import Enum
 from typing import Any, Final, NamedTuple
 
 from smarttac_can.od.cia import Abort, AbortCode, DataType
-from smarttac_can.od.data_types import REAL, SIGNED, SIZES, TIME, UNSIGNED, bounds
+from smarttac_can.od.data_types import REAL, SIGNED, SIZES, TIME, UNSIGNED, bounds, pack, unpack
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 
@@ -37,14 +37,6 @@ class Bounded(NamedTuple):
     high: Any
 
 
-class OddField(NamedTuple):
-    """A mapped integer of 24, 40, 48 or 56 bits, for which `struct` has no code."""
-
-    position: int
-    size: int
-    signed: bool
-
-
 @dataclass(frozen=True, slots=True)
 class Mapping:
     """Compiled content of a PDO.
@@ -57,6 +49,8 @@ class Mapping:
         Mapped entries, without dummies.
     bounded
         Mapped entries whose limits are narrower than their type.
+    odd
+        Positions of the integers of 24, 40, 48 or 56 bits, for which `struct` has no code.
     readers
         Functions that read the entries; empty if no entry is computed.
     pack, unpack
@@ -66,7 +60,7 @@ class Mapping:
     size: int
     entries: tuple[Entry, ...]
     bounded: tuple[Bounded, ...]
-    odd: tuple[OddField, ...]
+    odd: tuple[int, ...]
     readers: tuple[Callable[[], Any], ...]
     pack: Callable[..., bytes]
     unpack: Callable[[bytes], tuple[Any, ...]]
@@ -77,8 +71,8 @@ class Mapping:
             values = [read() for read in self.readers]
         else:
             values = [entry.value for entry in self.entries]
-        for position, size, signed in self.odd:
-            values[position] = values[position].to_bytes(size, "little", signed=signed)
+        for position in self.odd:
+            values[position] = pack(self.entries[position].data_type, values[position])
         return self.pack(*values)
 
     def read(self, data: bytes) -> tuple[Any, ...]:
@@ -86,8 +80,8 @@ class Mapping:
         values = self.unpack(data)
         if self.odd:
             whole = list(values)
-            for position, _, signed in self.odd:
-                whole[position] = int.from_bytes(whole[position], "little", signed=signed)
+            for position in self.odd:
+                whole[position] = unpack(self.entries[position].data_type, whole[position])
             values = tuple(whole)
         return values
 
@@ -151,7 +145,7 @@ def compile_mapping(
     code = "<"
     entries: list[Entry] = []
     bounded: list[Bounded] = []
-    odd: list[OddField] = []
+    odd: list[int] = []
     for value in values:
         entry = mapped_entry(od, value, direction)
         if entry is None:
@@ -168,7 +162,7 @@ def compile_mapping(
         if letter == "0":
             letter = f"{entry.size}s"
             if entry.data_type not in TIME:
-                odd.append(OddField(position, entry.size, entry.data_type in SIGNED))
+                odd.append(position)
         code += letter
     layout = struct.Struct(code)
     computed = any(entry.source is not None for entry in entries)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from enum import IntEnum
 from typing import Final
 
-from smarttac_can.device.frame import Frame
 from smarttac_can.od.cia import NMTCommand
 
 
@@ -40,7 +38,6 @@ def state_text(number: int) -> str:
     return STATES.get(number, UNKNOWN)
 
 
-_COMMAND_BYTES: Final = 2
 COMMANDS: Final[dict[int, NMTState]] = {
     NMTCommand.START: NMTState.OPERATIONAL,
     NMTCommand.STOP: NMTState.STOPPED,
@@ -55,21 +52,3 @@ ALL_STATES: Final = frozenset(
 )
 CONFIGURABLE: Final = frozenset({NMTState.OPERATIONAL, NMTState.PRE_OPERATIONAL})
 OPERATIONAL_ONLY: Final = frozenset({NMTState.OPERATIONAL})
-
-
-def commands_to(
-    own: Callable[[], int], request: Callable[[NMTState], None]
-) -> Callable[[Frame], None]:
-    """Return a handler of NMT frames, which requests the state commanded to this node or to all."""
-
-    def receive(frame: Frame) -> None:
-        data = frame.data
-        if (
-            len(data) == _COMMAND_BYTES
-            and data[1] in (0, own())
-            and data[0] in COMMANDS
-            and not frame.rtr
-        ):
-            request(COMMANDS[data[0]])
-
-    return receive

@@ -164,11 +164,6 @@ class RPDO(PDO):
         """Whether the PDO takes effect at SYNC."""
         return self.alive and self.valid and self.transmission <= CYCLIC_LAST
 
-    @property
-    def in_time(self) -> bool:
-        """Whether the PDO has a deadline and is within it."""
-        return self.deadline.running
-
     def apply(self, entry: Entry) -> None:
         """Apply new parameters; a missed deadline stays missed."""
         self._drop()
@@ -258,15 +253,13 @@ class RPDO(PDO):
             self._application.on_rpdo(self.number)
 
     def _report(self, code: EmergencyCode, vendor: bytes) -> None:
-        if code not in self._faults:
-            self._faults.add(code)
-            vendor = self.number.to_bytes(2, "little") + vendor
-            self._emergency.report(code, ErrorRegister.COMMUNICATION, vendor, self.number)
+        self._faults.add(code)
+        vendor = self.number.to_bytes(2, "little") + vendor
+        self._emergency.report(code, ErrorRegister.COMMUNICATION, vendor, self.number)
 
     def _settle(self, code: EmergencyCode) -> None:
-        if code in self._faults:
-            self._faults.remove(code)
-            self._emergency.clear(code, self.number)
+        self._faults.discard(code)
+        self._emergency.clear(code, self.number)
 
     def _in_time(self) -> None:
         if self._late:

@@ -27,19 +27,39 @@ from smarttac_can.od.entry import MAX_BYTES, Entry
 SEGMENT = 7
 
 
-class Download:
-    """Data of a segmented download into an entry.
+class Received:
+    """Data of a download into an entry.
 
     Parameters
     ----------
     size
         Number of bytes announced by the client; None if it announced none.
+
+    Attributes
+    ----------
+    data
+        Bytes received in order.
     """
 
     def __init__(self, entry: Entry, size: int | None) -> None:
         self.entry = entry
         self.data = bytearray()
         self._size = size
+        self._limit = size if size is not None else entry.size or MAX_BYTES
+
+    def judge(self, *, last: bool) -> None:
+        """Raise `Abort` if there are too many bytes, or too few after the last one."""
+        if len(self.data) > self._limit:
+            raise Abort(AbortCode.TOO_LONG)
+        if last and self._size is not None and len(self.data) < self._size:
+            raise Abort(AbortCode.TOO_SHORT)
+
+
+class Download(Received):
+    """Data of a segmented download into an entry; parameters as for `Received`."""
+
+    def __init__(self, entry: Entry, size: int | None) -> None:
+        super().__init__(entry, size)
         self._toggle = 0
 
     def segment(self, request: bytes) -> tuple[bytes, bool]:
@@ -54,12 +74,8 @@ class Download:
         if command & 0x10 != self._toggle:
             raise Abort(AbortCode.TOGGLE)
         self.data += request[1 : 8 - (command >> 1 & 7)]
-        limit = self._size if self._size is not None else self.entry.size or MAX_BYTES
-        if len(self.data) > limit:
-            raise Abort(AbortCode.TOO_LONG)
         last = bool(command & 1)
-        if last and self._size is not None and len(self.data) < self._size:
-            raise Abort(AbortCode.TOO_SHORT)
+        self.judge(last=last)
         response = bytes((0x20 | self._toggle,)) + bytes(7)
         self._toggle ^= 0x10
         return response, last
@@ -179,13 +195,13 @@ MOST_UNHEARD: Final = 16
 """Sub-blocks of an upload in a row of which a client may confirm nothing."""
 
 
-class BlockDownload:
+class BlockDownload(Received):
     """Data of a block download into an entry.
 
     Parameters
     ----------
-    size
-        Number of bytes announced by the client; None if it announced none.
+    entry, size
+        As for `Received`.
     crc
         Whether the client sends a CRC.
 
@@ -193,19 +209,14 @@ class BlockDownload:
     ----------
     receiving
         Whether the next frame is a segment; otherwise the client still has to end the transfer.
-    data
-        Bytes received in order.
     """
 
     def __init__(self, entry: Entry, size: int | None, *, crc: bool) -> None:
-        self.entry = entry
-        self.data = bytearray()
+        super().__init__(entry, size)
         self.receiving = True
-        self._size = size
         self._with_crc = crc
         self._crc = 0
         self._summed = 0
-        self._limit = size if size is not None else entry.size or MAX_BYTES
         self._most = max(self._limit, 1) + SEGMENT - 1
         self._heard = 0
         self._sequence = 0
@@ -277,10 +288,7 @@ class BlockDownload:
             TOO_LONG, TOO_SHORT or CRC.
         """
         del self.data[len(self.data) - (request[0] >> 2 & 7) :]
-        if len(self.data) > self._limit:
-            raise Abort(AbortCode.TOO_LONG)
-        if self._size is not None and len(self.data) < self._size:
-            raise Abort(AbortCode.TOO_SHORT)
+        self.judge(last=True)
         self._sum_up(len(self.data))
         if self._with_crc and self._crc != int.from_bytes(request[1:3], "little"):
             raise Abort(AbortCode.CRC)
@@ -424,10 +432,10 @@ class SDOServer(Service):
         self._transfer: Download | Upload | BlockDownload | BlockUpload | None = None
         self._late: LateSegments | LateRequest | None = None
         self._commands: Final = (
-            self._download_segment,
+            self._segment,
             self._initiate_download,
             self._initiate_upload,
-            self._upload_segment,
+            self._segment,
             self._drop,
             self._block_upload,
             self._block_download,
@@ -532,22 +540,18 @@ class SDOServer(Service):
         self._wait()
         return b"\x41" + request[1:4] + len(data).to_bytes(4, "little")
 
-    def _download_segment(self, request: bytes) -> bytes:
+    def _segment(self, request: bytes) -> bytes:
         transfer = self._transfer
-        if not isinstance(transfer, Download):
+        if type(transfer) is not (Upload if request[0] >> 5 else Download):
             raise Abort(AbortCode.COMMAND)
+        assert isinstance(transfer, Upload | Download)
         response, last = transfer.segment(request)
-        if last:
+        if not last:
+            self._wait()
+            return response
+        if isinstance(transfer, Download):
             self._access.write(transfer.entry, bytes(transfer.data))
-        self._go_on(last)
-        return response
-
-    def _upload_segment(self, request: bytes) -> bytes:
-        transfer = self._transfer
-        if not isinstance(transfer, Upload):
-            raise Abort(AbortCode.COMMAND)
-        response, last = transfer.segment(request)
-        self._go_on(last)
+        self._end()
         return response
 
     def _block_download(self, request: bytes) -> bytes:
@@ -609,12 +613,6 @@ class SDOServer(Service):
 
     def _unknown(self, _: bytes) -> None:
         raise Abort(AbortCode.COMMAND)
-
-    def _go_on(self, last: bool) -> None:
-        if last:
-            self._end()
-        else:
-            self._wait()
 
     def _wait(self, part: int = 1) -> None:
         """Start the time-out of the client, or a fraction of it."""

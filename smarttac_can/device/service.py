@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, ClassVar
 
 from smarttac_can.device.nmt import NMTState
@@ -111,6 +112,10 @@ class Service:
         Indices of the objects that hold its parameters.
     begins_anew
         Whether a write of an unchanged value has the same effect as any other write.
+    state
+        NMT state that was entered last.
+    alive
+        Whether the service is active.
     """
 
     states: ClassVar[frozenset[NMTState]] = frozenset()
@@ -120,6 +125,7 @@ class Service:
         self.port = port
         self.od = od
         self.objects = objects
+        self.state = NMTState.INITIALISING
         self.alive = False
 
     def check_read(self, entry: Entry) -> None:
@@ -130,18 +136,18 @@ class Service:
 
     def apply(self, entry: Entry) -> None:
         """Act on the value to which one of its objects was set."""
-        alive = self.alive
-        self.enter(None)
+        if self.alive:
+            self.cease()
         self.configure()
-        if alive:
-            self.alive = True
+        if self.alive:
             self.begin()
 
     def configure(self) -> None:
         """Read the parameters from the object dictionary; the service is then not active."""
 
-    def enter(self, state: NMTState | None) -> None:
-        """Start or stop as the NMT state requires; None, no state, stops the service."""
+    def enter(self, state: NMTState) -> None:
+        """Start or stop as the NMT state requires."""
+        self.state = state
         alive = state in self.states
         if alive != self.alive:
             self.alive = alive
@@ -165,21 +171,26 @@ class Service:
         return ()
 
 
+def check_can_id(cob_id: int) -> None:
+    """Raise `Abort` with VALUE for a COB-ID with a 29-bit or restricted CAN-ID."""
+    wide = COB_EXTENDED | ((COB_EXTENDED - 1) & ~CAN_ID_MASK)
+    if cob_id & wide or restricted(cob_id & CAN_ID_MASK):
+        raise Abort(AbortCode.VALUE)
+
+
 def check_cob_id(old: int, new: int) -> None:
     """Check the COB-ID for an object with a valid bit (PDO, EMCY, SDO server).
 
     Raises
     ------
     Abort
-        STATE if the CAN-ID would change while the object is valid, VALUE for 29-bit and
-        restricted CAN-IDs.
+        STATE if the CAN-ID would change while the object is valid; else as `check_can_id`.
     """
     if new & COB_INVALID:
         return
     if not old & COB_INVALID and (old ^ new) & (COB_EXTENDED | (COB_EXTENDED - 1)):
         raise Abort(AbortCode.STATE)
-    if new & (COB_EXTENDED | ((COB_EXTENDED - 1) & ~CAN_ID_MASK)) or restricted(new & CAN_ID_MASK):
-        raise Abort(AbortCode.VALUE)
+    check_can_id(new)
 
 
 class Access:
@@ -238,22 +249,16 @@ class Access:
         Abort
             NO_OBJECT, NO_SUBINDEX, READ_ONLY, TOO_LONG, TOO_SHORT.
         """
-        try:
-            return self._writable(index, subindex, size)
-        except Abort as abort:
-            self._report(index, subindex, abort)
-            raise
-
-    def _writable(self, index: int, subindex: int, size: int | None) -> Entry:
-        if subindex == STRUCTURE_SUBINDEX and self._structure(index) is not None:
-            raise Abort(AbortCode.READ_ONLY)
-        entry = self._od.entry(index, subindex)
-        if not entry.writable:
-            raise Abort(AbortCode.READ_ONLY)
-        if size is not None and size > (entry.size or MAX_BYTES):
-            raise Abort(AbortCode.TOO_LONG)
-        if size is not None and size < entry.size:
-            raise Abort(AbortCode.TOO_SHORT)
+        with self._reporting(index, subindex):
+            if subindex == STRUCTURE_SUBINDEX and self._structure(index) is not None:
+                raise Abort(AbortCode.READ_ONLY)
+            entry = self._od.entry(index, subindex)
+            if not entry.writable:
+                raise Abort(AbortCode.READ_ONLY)
+            if size is not None and size > (entry.size or MAX_BYTES):
+                raise Abort(AbortCode.TOO_LONG)
+            if size is not None and size < entry.size:
+                raise Abort(AbortCode.TOO_SHORT)
         return entry
 
     def write(self, entry: Entry, data: bytes) -> None:
@@ -265,22 +270,16 @@ class Access:
             For a wrong type or limit, or as the service that owns the object or the application
             requires; the value of the entry is then unchanged.
         """
-        try:
-            self._write(entry, data)
-        except Abort as abort:
-            self._report(entry.index, entry.subindex, abort)
-            raise
-
-    def _write(self, entry: Entry, data: bytes) -> None:
-        value: Any = entry.unpack(data)
-        owners: Sequence[Service] = self._owners.get(entry.index, ())
-        for owner in owners:
-            owner.check(entry, value)
-        self._application.on_write(entry, value)
-        # A master that writes back what it read must not restart timers and counts.
-        if value == entry.value:
-            owners = [owner for owner in owners if owner.begins_anew]
-        self._put(entry, value, owners)
+        with self._reporting(entry.index, entry.subindex):
+            value: Any = entry.unpack(data)
+            owners: Sequence[Service] = self._owners.get(entry.index, ())
+            for owner in owners:
+                owner.check(entry, value)
+            self._application.on_write(entry, value)
+            # A master that writes back what it read must not restart timers and counts.
+            if value == entry.value:
+                owners = [owner for owner in owners if owner.begins_anew]
+            self._put(entry, value, owners)
 
     def put(self, entry: Entry, value: Any) -> None:
         """Set a value of the application, and apply it in the services, without checks."""
@@ -293,10 +292,16 @@ class Access:
         if owners:
             self._on_change()
 
-    def _report(self, index: int, subindex: int, abort: Abort) -> None:
-        entry = self._od.get(index, subindex)
-        name = f"{index:04X}h sub-index {subindex}" if entry is None else entry.name
-        self._application.on_refused(name, abort.explain(name))
+    @contextmanager
+    def _reporting(self, index: int, subindex: int) -> Iterator[None]:
+        """Report a write to the application if it is refused."""
+        try:
+            yield
+        except Abort as abort:
+            entry = self._od.get(index, subindex)
+            name = f"{index:04X}h sub-index {subindex}" if entry is None else entry.name
+            self._application.on_refused(name, abort.explain(name))
+            raise
 
     def _structure(self, index: int) -> int | None:
         """Return the content of sub-index FFh; None without the object, or if it is in the EDS."""

@@ -174,6 +174,13 @@ class ParameterStorage(Service):
     Only values that differ from the default are stored, so that the others follow a new node-ID.
     Mappable objects are process data, and are not stored. If the application has preset a value at
     a reset, the value before is stored as long as the preset value is unchanged.
+
+    Attributes
+    ----------
+    image
+        Stored content.
+    torn
+        Whether the stored parameters were invalid, so that the defaults apply.
     """
 
     states: ClassVar = CONFIGURABLE
@@ -193,52 +200,36 @@ class ParameterStorage(Service):
         self._identity: Identity = (
             od.number(IDENTITY, 1), od.number(IDENTITY, 2), od.number(IDENTITY, 3),
         )  # fmt: skip
-        self._parameters = [entry for entry in od if _is_parameter(entry)]
-        self._by_address = {(entry.index, entry.subindex): entry for entry in self._parameters}
+        self._parameters = {(e.index, e.subindex): e for e in od if _is_parameter(e)}
         self._before: dict[Entry, Any] = {}
         self._presets: dict[Entry, tuple[Any, Any]] = {}
         self._loaded: dict[Entry, Any] = {}
-        self._image = Image()
-        self._torn = False
+        self.image = Image()
+        self.torn = False
         self._is_signed = False
-
-    @property
-    def node_id(self) -> int:
-        """Stored node-ID, 0 for none."""
-        return self._image.node_id
-
-    @property
-    def bit_timing(self) -> int:
-        """Stored index of the bit timing."""
-        return self._image.bit_timing
-
-    @property
-    def torn(self) -> bool:
-        """Whether the stored parameters were invalid, so that the defaults apply."""
-        return self._torn
 
     def load(self) -> None:
         """Read the stored parameters; ignore torn or foreign ones, which `report` reports."""
-        self._image = Image()
-        self._torn = self._is_signed = False
+        self.image = Image()
+        self.torn = self._is_signed = False
         try:
             data = self._storage.read()
             if data is not None:
                 image = unpack_image(self._identity, data)
                 self._loaded = self._values(image)
-                self._image = image
+                self.image = image
             else:
                 self._loaded = {}
         except (ValueError, OSError):
             self._loaded = {}
-            self._torn = True
+            self.torn = True
 
     def restore(self, first: int, last: int) -> None:
         """Set the objects first..last to their stored values."""
         for entry, value in self._loaded.items():
             if first <= entry.index <= last:
                 entry.value = value
-        self._before = {e: e.value for e in self._parameters if first <= e.index <= last}
+        self._before = {e: e.value for e in self._parameters.values() if first <= e.index <= last}
 
     def note_presets(self) -> None:
         """Record the values that the application has preset since `restore`."""
@@ -251,7 +242,7 @@ class ParameterStorage(Service):
 
     def report(self) -> None:
         """Report an error if the stored parameters were invalid."""
-        if self._torn:
+        if self.torn:
             self._emergency.report(EmergencyCode.DATA_STORAGE, ErrorRegister.GENERIC)
 
     def store_lss(self, node_id: int, bit_timing: int) -> None:
@@ -265,7 +256,7 @@ class ParameterStorage(Service):
             The application refuses to store now.
         """
         self._application.on_store()
-        self._write(Image(node_id, bit_timing, self._image.values))
+        self._write(Image(node_id, bit_timing, self.image.values))
 
     def check(self, entry: Entry, value: Any) -> None:
         """Refuse any value but the signature of store or restore, even the value read there.
@@ -295,28 +286,28 @@ class ParameterStorage(Service):
             return
         entry.value = entry.default
         first, last = _GROUPS.get(entry.subindex, _GROUPS[4])
-        values = {a: data for a, data in self._image.values.items() if not first <= a[0] <= last}
+        values = {a: data for a, data in self.image.values.items() if not first <= a[0] <= last}
         if entry.index == STORE_PARAMETERS:
             values |= self._changed(first, last)
         verify = {a: data for a, data in values.items() if a[0] == VERIFY_CONFIGURATION}
         others = {a: data for a, data in values.items() if a not in verify}
-        before = {a: d for a, d in self._image.values.items() if a[0] != VERIFY_CONFIGURATION}
+        before = {a: d for a, d in self.image.values.items() if a[0] != VERIFY_CONFIGURATION}
         outdated = others != before and not self._is_signed
         try:
             self._write(
-                Image(self._image.node_id, self._image.bit_timing, others if outdated else values)
+                Image(self.image.node_id, self.image.bit_timing, others if outdated else values)
             )
         except OSError:
             raise Abort(AbortCode.HARDWARE) from None
         self._is_signed = False
         if outdated:
-            for (index, _), signed in self._by_address.items():
+            for (index, _), signed in self._parameters.items():
                 if index == VERIFY_CONFIGURATION:
                     signed.value = signed.default
 
     def _changed(self, first: int, last: int) -> dict[tuple[int, int], bytes]:
         changed = {}
-        for entry in self._parameters:
+        for entry in self._parameters.values():
             if first <= entry.index <= last:
                 replaced, preset = self._presets.get(entry, (None, None))
                 value = entry.value if preset is None or entry.value != preset else replaced
@@ -326,9 +317,9 @@ class ParameterStorage(Service):
 
     def _write(self, image: Image) -> None:
         self._storage.write(pack_image(self._identity, image))
-        self._image = image
+        self.image = image
         self._loaded = self._values(image)
-        self._torn = False
+        self.torn = False
         self._emergency.clear(EmergencyCode.DATA_STORAGE)
 
     def _values(self, image: Image) -> dict[Entry, Any]:
@@ -341,7 +332,7 @@ class ParameterStorage(Service):
         """
         try:
             return {
-                self._by_address[address]: self._by_address[address].unpack(data)
+                self._parameters[address]: self._parameters[address].unpack(data)
                 for address, data in image.values.items()
             }
         except (KeyError, Abort):

@@ -9,10 +9,9 @@ from smarttac_can.device.emcy import Emergency
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import CONFIGURABLE
 from smarttac_can.device.port import Port
-from smarttac_can.device.service import Service
+from smarttac_can.device.service import Service, check_can_id
 from smarttac_can.od.cia import (
     CAN_ID_MASK,
-    COB_EXTENDED,
     COB_SYNC_PRODUCER,
     COB_TIME_CONSUMER,
     COB_TIME_PRODUCER,
@@ -28,7 +27,6 @@ from smarttac_can.od.cia import (
     DataType,
     EmergencyCode,
     ErrorRegister,
-    restricted,
 )
 from smarttac_can.od.data_types import SIZES
 from smarttac_can.od.dictionary import ObjectDictionary
@@ -120,11 +118,7 @@ class Sync(Service):
             same = entry.value & CAN_ID_MASK == value & CAN_ID_MASK
             if entry.value & value & COB_SYNC_PRODUCER and not same:
                 raise Abort(AbortCode.STATE)
-            can_id = value & (COB_EXTENDED - 1)
-            if value & COB_EXTENDED or can_id > CAN_ID_MASK:
-                raise Abort(AbortCode.VALUE)
-            if restricted(can_id):
-                raise Abort(AbortCode.VALUE)
+            check_can_id(value)
         elif entry.index == SYNC_COUNTER and value != entry.value:
             if self._period:
                 raise Abort(AbortCode.STATE)
@@ -231,11 +225,9 @@ class TimeStamp(Service):
         same = entry.value & CAN_ID_MASK == value & CAN_ID_MASK
         if entry.value & value & COB_TIME_CONSUMER and not same:
             raise Abort(AbortCode.STATE)
-        can_id = value & (COB_EXTENDED - 1)
-        if value & (COB_EXTENDED | COB_TIME_PRODUCER) or can_id > CAN_ID_MASK:
+        if value & COB_TIME_PRODUCER:
             raise Abort(AbortCode.VALUE)
-        if restricted(can_id):
-            raise Abort(AbortCode.VALUE)
+        check_can_id(value)
 
     def configure(self) -> None:
         """Read the COB-ID; the time continues."""

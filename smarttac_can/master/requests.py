@@ -123,11 +123,6 @@ def downloaded(node_id: int, entry: Entry) -> Frame:
     return Frame(SDO_TX_ID + node_id, bytes((_DOWNLOADED, *address, 0, 0, 0, 0)))
 
 
-def takes(frame: Frame, node_id: int, entry: Entry) -> bool:
-    """Return whether a frame confirms a download to an entry of a node."""
-    return frame == downloaded(node_id, entry)
-
-
 def downloading(node_id: int, entry: Entry, data: bytes) -> Iterator[Frame]:
     """Yield the frames of a segmented download of any length, requests and answers alternating."""
     to, back = SDO_RX_ID + node_id, SDO_TX_ID + node_id

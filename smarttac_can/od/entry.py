@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, Final
+from collections.abc import Callable, Mapping
+from typing import Any, Final, NamedTuple
 
 from smarttac_can.od.cia import Abort, AbortCode, DataType
 from smarttac_can.od.data_types import REAL, SIGNED, SIZES, TEXT, UNSIGNED, bounds, pack, unpack
@@ -214,3 +214,16 @@ class Entry:
         value = unpack(self.data_type, data)
         self.check(value)
         return value
+
+
+class BitField(NamedTuple):
+    """Bits of an object that have a meaning of their own."""
+
+    name: str
+    """Name in addition to that of the object; empty for the whole object."""
+    start: int
+    """Lowest bit, counted from 0."""
+    length: int
+    """Number of bits."""
+    values: Mapping[int, str]
+    """Names of the values; empty for a number or a flag."""

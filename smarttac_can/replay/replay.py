@@ -27,12 +27,11 @@ from smarttac_can.od.cia import (
     SDO_TX_ID,
     TPDO_COMMUNICATION,
     TPDO_MAPPING,
-    Abort,
     NMTCommand,
 )
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
-from smarttac_can.vocabulary.meanings import emergency_text
+from smarttac_can.vocabulary.meanings import emergency_text, meaning, meaning_of_bytes
 from smarttac_can.vocabulary.signals import TICK_US
 
 _RESETS: Final = (NMTCommand.RESET_NODE, NMTCommand.RESET_COMMUNICATION)
@@ -643,7 +642,7 @@ def _fields(od: ObjectDictionary, tpdo: int, recorded: Frame, recomputed: Frame)
         both = [mapped(od, index, Direction.TRANSMIT, frame) for frame in (recorded, recomputed)]
         for (entry, there), (_, here) in zip(*both, strict=False):
             if there != here:
-                yield Field(entry.name, _shown(entry, there), _shown(entry, here))
+                yield Field(entry.name, meaning(entry, there), meaning(entry, here))
     elif len(recorded.data) == len(recomputed.data) == FRAME_BYTES:
         if recorded.can_id == EMCY_ID + od.node_id:
             yield Field("error", _emergency(recorded), _emergency(recomputed))
@@ -655,15 +654,8 @@ def _read_field(od: ObjectDictionary, recorded: Frame, recomputed: Frame) -> Ite
     entry = od.get(recorded.data[1] | recorded.data[2] << 8, recorded.data[3])
     if entry is None:
         return
-    there, here = (_read_value(entry, frame.data[4:]) for frame in (recorded, recomputed))
+    there, here = (meaning_of_bytes(entry, frame.data[4:]) for frame in (recorded, recomputed))
     yield Field(entry.name, there, here)
-
-
-def _read_value(entry: Entry, data: bytes) -> str:
-    try:
-        return _shown(entry, entry.unpack(data[: entry.size or None]))
-    except Abort:
-        return data.hex()
 
 
 def _bytes(recorded: Frame, recomputed: Frame) -> Field:
@@ -674,11 +666,3 @@ def _bytes(recorded: Frame, recomputed: Frame) -> Field:
 def _emergency(frame: Frame) -> str:
     code = int.from_bytes(frame.data[:2], "little")
     return f"{code:04X}h, {emergency_text(code)} ({frame.data.hex()})"
-
-
-def _shown(entry: Entry, raw: object) -> str:
-    if not isinstance(raw, int):
-        return repr(raw)
-    if entry.name.endswith("word"):
-        return f"{raw:#06x}"
-    return entry.shown(raw)

@@ -35,7 +35,6 @@ from smarttac_can.vocabulary.states import Mode, State
 
 _OWN_OPTIONS: Final = ("interface", "channel", "bitrate")
 _OUTPUT_BYTES: Final = 4096
-_QUIET_S: Final = 0.2
 _ANSWER_S: Final = 0.6
 """Time in s for an answer, or for the heartbeat of a stopped node, which comes every 500 ms."""
 _PARTING_S: Final = 5.0
@@ -279,23 +278,13 @@ def listening(
         raise BusError(f"the loop was timed until its bus failed: {broken[0]}") from broken[0]
 
 
-def require_quiet(bus: Mapping[str, Any]) -> None:
-    """Raise BusError if the bus cannot be timed, BenchError if another loop runs on it."""
-    with _stamped(bus) as opened:
-        end = monotonic() + _QUIET_S
-        while (left := end - monotonic()) > 0:
-            message = received(opened, left)
-            if message is not None and message.arbitration_id == SYNC_ID:
-                raise BenchError("somebody produces SYNC on this bus: end that loop first")
-
-
 def require_free(bus: Mapping[str, Any], *ods: ObjectDictionary) -> None:
-    """Refuse a bus that already has a node with one of these node-IDs.
+    """Refuse a bus that already has a node with one of these node-IDs, or another loop.
 
     Raises
     ------
     BenchError
-        If such a node answers, or its heartbeat comes.
+        If such a node answers, its heartbeat comes, or there is SYNC.
     BusError
         If the bus cannot be timed, or carries no frames.
     """
@@ -307,7 +296,11 @@ def require_free(bus: Mapping[str, Any], *ods: ObjectDictionary) -> None:
             end = monotonic() + _ANSWER_S
             while (left := end - monotonic()) > 0:
                 message = received(opened, left)
-                if message is not None and message.arbitration_id in ids:
+                if message is None:
+                    continue
+                if message.arbitration_id == SYNC_ID:
+                    raise BenchError("somebody produces SYNC on this bus: end that loop first")
+                if message.arbitration_id in ids:
                     raise BenchError(
                         f"a node {ids[message.arbitration_id]} is on this bus already, and two "
                         "would have one node-ID: end it, or give it another by LSS or --node-id"
@@ -378,7 +371,6 @@ def measure_loop(
         If the bus cannot be opened, or has no time stamps.
     """
     require_free(bus, stimulator_od(), *([plate_od()] if plate_node is None else []))
-    require_quiet(bus)
     plate_id = PLATE_ID if plate_node is None else plate_node
     with (
         loop_processes(bus, realtime, plate_node=plate_node) as nodes,

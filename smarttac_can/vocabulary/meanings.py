@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from enum import IntEnum, IntFlag
-from typing import Final, NamedTuple
+from typing import Final
 
-from smarttac_can.od.cia import EmergencyCode
+from smarttac_can.od.cia import Abort, EmergencyCode
+from smarttac_can.od.entry import BitField, Entry
 from smarttac_can.vocabulary.faults import FaultCode
 from smarttac_can.vocabulary.states import (
     STATE_SHIFT,
@@ -18,19 +19,6 @@ from smarttac_can.vocabulary.states import (
     VibrationLaw,
 )
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS
-
-
-class BitField(NamedTuple):
-    """Bits of an object that have a meaning of their own."""
-
-    name: str
-    """Name in addition to that of the object; empty for the whole object."""
-    start: int
-    """Lowest bit, counted from 0."""
-    length: int
-    """Number of bits."""
-    values: Mapping[int, str]
-    """Names of the values; empty for a flag."""
 
 
 def spoken(member: IntEnum | IntFlag) -> str:
@@ -57,6 +45,33 @@ FIELDS: Final[Mapping[str, tuple[BitField, ...]]] = {
 """Objects of stimulator and plate whose values have names."""
 EMERGENCIES: Final[Mapping[int, str]] = _names(EmergencyCode) | _names(FaultCode)
 """Names of the emergency error codes of stimulator and plate."""
+
+
+def meaning(entry: Entry, raw: object) -> str:
+    """Return a value with its unit, a word as its bits, or a number with a name as that name."""
+    if not isinstance(raw, int):
+        return repr(raw)
+    fields = FIELDS.get(entry.name, ())
+    if fields:
+        parts = []
+        for field in fields:
+            bits = raw >> field.start & (1 << field.length) - 1
+            if field.values:
+                parts.append(field.values.get(bits, str(bits)))
+            elif bits:
+                parts.append(field.name)
+        return "+".join(parts) or "0"
+    return entry.shown(raw)
+
+
+def meaning_of_bytes(entry: Entry | None, data: bytes) -> str:
+    """Return the meaning of a value on the wire; its bytes if it is none of the entry."""
+    try:
+        if entry is not None:
+            return meaning(entry, entry.unpack(data[: entry.size or None]))
+    except Abort:
+        pass
+    return data.hex(" ")
 
 
 def emergency_text(code: int) -> str:

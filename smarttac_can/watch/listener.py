@@ -37,9 +37,9 @@ class Listener(Background):
     """
 
     def __init__(self, open_bus: Callable[[], Bus]) -> None:
-        super().__init__("listener", self._listen, self._stop, _END_S)
-        self.lost = ""
         self._over = threading.Event()
+        super().__init__("listener", self._listen, self._over.set, _END_S)
+        self.lost = ""
         self._heard: SimpleQueue[tuple[float, Frame]] = SimpleQueue()
         self._sending = threading.Lock()
         self._failed: BusError | None = None
@@ -87,9 +87,6 @@ class Listener(Background):
             self._bus.close()
         except BusError as error:
             self.lost = str(error)
-
-    def _stop(self) -> None:
-        self._over.set()
 
     def _lose(self, reason: BusError) -> None:
         self.lost = str(reason)

@@ -183,10 +183,7 @@ class Watcher:
         seen = self._published.at(now)
         read = self._raw_read(now)
         load, rate = self._load.at(now)
-        return view_of(
-            self._od,
-            seen,
-            read,
+        return view_of(self._od, seen, read)._replace(
             peers=tuple(node.at(now) for node in self._nodes),
             notes=tuple(self._notes(now)),
             cycle_rate=self._cycle_rate if "Cycle.Cycles" in read else None,
@@ -224,26 +221,19 @@ class Watcher:
         if reader is None:
             return {}
         return {
-            entry.name: reader.values[entry]
-            for entry, at in reader.read_at.items()
-            if entry in reader.values and now - at <= FORGOTTEN_S
+            entry.name: raw for entry, (at, raw) in reader.values.items() if now - at <= FORGOTTEN_S
         }
 
     def _follow(self, reader: SdoReader, now: float) -> None:
         """Apply the mapping once it is known, and update the rate of the cycles."""
         if reader.begun and not self._remapped:
             self._remapped = True
-            self._published.remap(reader.values, now)
-        cycles = self._od["Cycle.Cycles"]
-        at = reader.read_at.get(cycles)
-        if at is None or cycles not in reader.values:
-            self._cycles = None
-            return
-        if self._cycles is None or at > self._cycles[0]:
-            count = reader.values[cycles]
-            if self._cycles is not None and count >= self._cycles[1]:
-                self._cycle_rate = (count - self._cycles[1]) / (at - self._cycles[0])
-            self._cycles = at, count
+            self._published.remap({entry: raw for entry, (_, raw) in reader.values.items()}, now)
+        last, self._cycles = self._cycles, reader.values.get(self._od["Cycle.Cycles"])
+        if self._cycles is not None and last is not None and self._cycles[0] > last[0]:
+            time, count = self._cycles[0] - last[0], self._cycles[1] - last[1]
+            if count >= 0:
+                self._cycle_rate = count / time
 
 
 class Peer(NamedTuple):
@@ -289,9 +279,6 @@ class Emergency(NamedTuple):
 class View(NamedTuple):
     """A stimulator and its bus at one instant; unknown values are None, empty or absent."""
 
-    peers: tuple[Peer, ...]
-    notes: tuple[str, ...]
-    """Sentences on what is wrong or missing."""
     state: str
     mode: str
     flags: tuple[str, ...]
@@ -302,36 +289,27 @@ class View(NamedTuple):
     The position, from the middle of the plate, and the COF are absent while the finger does not
     touch.
     """
-    cycle_rate: float | None
-    """Cycles per second."""
     latched: tuple[str, ...]
     """Texts of the latched faults."""
     remedies: tuple[str, ...]
     """What to do about each of them."""
-    emergencies: tuple[Emergency, ...]
+    peers: tuple[Peer, ...] = ()
+    notes: tuple[str, ...] = ()
+    """Sentences on what is wrong or missing."""
+    cycle_rate: float | None = None
+    """Cycles per second."""
+    emergencies: tuple[Emergency, ...] = ()
     """Emergency messages, newest first."""
-    history: tuple[tuple[float | None, float | None], ...]
+    history: tuple[tuple[float | None, float | None], ...] = ()
     """COF and reference at equal intervals, newest last."""
-    bus_load: float
+    bus_load: float = 0.0
     """Fraction of the last second in which the bus was busy, with the most stuff bits possible."""
-    frame_rate: float
+    frame_rate: float = 0.0
     """Number of frames in the last second."""
 
 
-def view_of(
-    od: ObjectDictionary,
-    seen: Mapping[str, int],
-    read: Mapping[str, int],
-    *,
-    peers: tuple[Peer, ...] = (),
-    notes: tuple[str, ...] = (),
-    cycle_rate: float | None = None,
-    emergencies: tuple[Emergency, ...] = (),
-    history: tuple[tuple[float | None, float | None], ...] = (),
-    bus_load: float = 0.0,
-    frame_rate: float = 0.0,
-) -> View:
-    """Return the view of raw values of a stimulator, together with other data.
+def view_of(od: ObjectDictionary, seen: Mapping[str, int], read: Mapping[str, int]) -> View:
+    """Return the view of raw values of a stimulator, as far as it follows from them.
 
     Parameters
     ----------
@@ -342,19 +320,12 @@ def view_of(
     """
     latched = [WATCHDOGS[each] for each in watchdogs_in(read.get("Diagnosis.Latched", 0))]
     return View(
-        peers=peers,
-        notes=notes,
         state=_state(seen),
         mode=_mode(seen),
         flags=tuple(spoken(flag) for flag in Status if seen.get("Statusword", 0) & flag),
         values=_values(od, seen, PUBLISHED) | _values(od, read, READ),
-        cycle_rate=cycle_rate,
         latched=tuple(row.text.partition(":")[0] for row in latched),
         remedies=tuple(row.remedy for row in latched),
-        emergencies=emergencies,
-        history=history,
-        bus_load=bus_load,
-        frame_rate=frame_rate,
     )
 
 
@@ -532,18 +503,15 @@ class SdoReader:
     Attributes
     ----------
     values
-        Raw value of each entry that was read.
+        Time in s of the last read, and raw value, of each entry that was not refused.
     silent
         Whether the last request was not answered.
-    read_at
-        Time in s of the last read of each entry.
     """
 
     def __init__(self, node_id: int, once: Iterable[Entry], again: Iterable[Entry]) -> None:
         self._node_id = node_id
         self._once, self._again = list(once), list(again)
-        self.values: dict[Entry, int] = {}
-        self.read_at: dict[Entry, float] = {}
+        self.values: dict[Entry, tuple[float, int]] = {}
         self.silent = False
         self._asked: tuple[Entry, Frame] | None = None
         self._next = 0.0
@@ -553,7 +521,6 @@ class SdoReader:
     def restart(self) -> None:
         """Forget all values, and begin again with the first entry."""
         self.values.clear()
-        self.read_at.clear()
         self._asked = None
         self._open = set(self._once)
         self._turn = deque([*self._once, *self._again])
@@ -575,8 +542,7 @@ class SdoReader:
         self.silent = False
         self._next = max(self._next, now + PAUSE_S)
         try:
-            self.values[entry] = int(requests.value(frame, entry))
-            self.read_at[entry] = now
+            self.values[entry] = now, int(requests.value(frame, entry))
         except Abort:
             self.values.pop(entry, None)
         return True

@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from smarttac_can.campaign.runner import COLUMNS, CURVES, Record, RecordError, _crc
+from smarttac_can.campaign.runner import COLUMNS, Record, RecordError
 from smarttac_can.population.trial import Campaign
 
 CAMPAIGN = Campaign(seed=3)
@@ -132,22 +132,3 @@ def test_a_file_of_something_else_is_kept(tmp_path, text):
 def test_what_is_no_file_is_refused(tmp_path):
     with pytest.raises(OSError, match="no regular file"):
         Record(tmp_path, CAMPAIGN)
-
-
-@pytest.mark.parametrize("plates", ["model", "varied"])
-def test_a_file_from_before_plates_and_single_touches(file, plates):
-    """It has nothing of either: its plates were the model's, and its touches are unknown."""
-    header, *chunks = (json.loads(line) for line in file.read_text().splitlines())
-    del header["plates"]
-    for chunk in chunks:
-        rows = np.delete(np.array(chunk["rows"]), np.s_[len(CURVES) : -1], axis=1)
-        chunk.update(rows=rows.tolist(), crc=_crc(chunk["first"], rows))
-    file.write_text("".join(json.dumps(line) + "\n" for line in (header, *chunks)))
-    if plates == "varied":
-        with pytest.raises(RecordError, match=r"plates 'model', not 'varied'$"):
-            Record(file, Campaign(seed=3, plates=plates))
-        return
-    rows = read(file)
-    assert rows[2:5, : len(CURVES)].tobytes() == ODD[:, : len(CURVES)].tobytes()
-    assert rows[2:5, -1].tobytes() == ODD[:, -1].tobytes()
-    assert np.isnan(rows[2:5, len(CURVES) : -1]).all()

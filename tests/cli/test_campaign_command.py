@@ -1,7 +1,6 @@
 """The command ``campaign``: results, files, and exit codes."""
 
 import json
-from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
@@ -131,16 +130,8 @@ def test_without_numba_it_says_so_and_gives_the_same(monkeypatch: pytest.MonkeyP
         assert values == pytest.approx(compiled_["metrics"][name], rel=1e-6)
 
 
-def of_an_older_version(rows: Path) -> None:
-    """Make the file as it was written once: how it was run stands in the header alone."""
-    header, *chunks = (json.loads(line) for line in rows.read_text().splitlines())
-    header["compiled"] = {chunk.pop("compiled") for chunk in chunks}.pop()
-    rows.write_text("".join(json.dumps(line) + "\n" for line in (header, *chunks)))
-
-
-@pytest.mark.parametrize("written", [lambda _: None, of_an_older_version], ids=["now", "older"])
 def test_it_goes_on_after_numba_was_installed(
-    written: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     pytest.importorskip("numba")
     rows = tmp_path / "rows"
@@ -152,7 +143,6 @@ def test_it_goes_on_after_numba_was_installed(
         without.setattr(trial, "fastest", trial.plain)
         plain = json.loads(succeed(*some, "1"))
     assert plain["compiled"] is False
-    written(rows)
     result = run(*some, "2")
     assert result.exit_code == 0, result.stderr
     mixed = json.loads(result.stdout)

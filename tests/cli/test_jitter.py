@@ -160,7 +160,7 @@ def test_a_plate_that_is_not_there(multicast: dict[str, Any]) -> None:
 def test_a_loop_that_is_there_already(
     multicast: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("smarttac_can.timing.loop_run._QUIET_S", GUARD_S)
+    monkeypatch.setattr("smarttac_can.timing.loop_run._ANSWER_S", GUARD_S)
     with can.Bus(**multicast) as bus:
         over = threading.Event()
 

@@ -2,7 +2,6 @@ import pytest
 from one_device import download, play, started, upload
 
 from smarttac_can.device.device import Device
-from smarttac_can.device.emcy import ErrorClass
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
 
@@ -146,15 +145,10 @@ STATES = {0: NMTState.PRE_OPERATIONAL, 1: NMTState.OPERATIONAL, 2: NMTState.STOP
 
 
 @pytest.mark.parametrize("behaviour", STATES)
-@pytest.mark.parametrize("error_class", ErrorClass)
-def test_each_class_has_its_own(error_class: ErrorClass, behaviour: int) -> None:
+def test_what_a_communication_error_does(behaviour: int) -> None:
     device = started()
-    other = 4 - error_class
-    assert download(device, 0x1029, error_class, behaviour, 1) == 0
-    assert download(device, 0x1029, other, 1, 1) == 0
-    device.react(ErrorClass(other))
-    assert device.nmt_state is NMTState.OPERATIONAL
-    device.react(error_class)
+    assert download(device, 0x1029, 1, behaviour, 1) == 0
+    device.bus_off()
     assert device.nmt_state is STATES[behaviour]
 
 
