@@ -63,6 +63,32 @@ def test_a_server_switched_off_has_nothing_more_to_send() -> None:
     play(device, "? 200\n+ 3000ms", at_once=False)
 
 
+def test_the_time_out_begins_anew_with_each_segment_that_the_bus_takes() -> None:
+    play(
+        texture(),
+        START
+        + """
+        + 900ms
+        ? 1
+        < 5A0 ..
+        + 900ms
+        ? 3
+        < 5A0 ..
+        < 5A0 ..
+        < 5A0 ..
+        + 900ms
+        ? 1                                # there is none
+        + 99ms
+        > 620 A2 04 04 00 00 00 00 00
+        + 999ms
+        + 1ms
+        < 5A0 80 00 23 00 00 00 04 05
+        + 3000ms
+        """,
+        at_once=False,
+    )
+
+
 def test_other_frames_do_not_wait_for_segments() -> None:
     device = texture()
     play(device, START, at_once=False)
