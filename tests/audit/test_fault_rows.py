@@ -190,25 +190,21 @@ def test_stage_is_believed_rather_than_the_drives(log: Log, rows: Rows) -> None:
     assert "cycles_to_zero is 24 in the row, 70 in the log" in refusal(kept, rows)
 
 
-def test_one_more_cycle_with_a_voltage_is_noticed(log: Log, rows: Rows) -> None:
-    place = first(log, STAGE, at(rows, STUCK) + 30_000)
+@pytest.mark.parametrize(
+    ("after_us", "shown", "complaint"),
+    [
+        (-20_000, b"\0\0", "the stage shows 0 x 10 mV at"),
+        (30_000, b"\1", "cycles_to_zero is 24 in the row"),
+        (250_000, b"\1", "held is true in the row, false in the log"),
+    ],
+)
+def test_one_other_voltage_of_the_stage_is_noticed(
+    after_us: int, shown: bytes, complaint: str, log: Log, rows: Rows
+) -> None:
+    place = first(log, STAGE, at(rows, STUCK) + after_us)
     time, frame = log[place]
-    log[place] = time, Frame(STAGE, b"\1" + frame.data[1:])
-    assert "cycles_to_zero is 24 in the row" in refusal(log, rows)
-
-
-def test_stage_that_does_not_follow_the_drives_is_noticed(log: Log, rows: Rows) -> None:
-    place = first(log, STAGE, at(rows, STUCK) - 20_000)
-    time, frame = log[place]
-    log[place] = time, Frame(STAGE, bytes(2) + frame.data[2:])
-    assert "the stage shows 0 x 10 mV at" in refusal(log, rows)
-
-
-def test_voltage_during_the_hold_is_noticed(log: Log, rows: Rows) -> None:
-    place = first(log, STAGE, at(rows, STUCK) + 250_000)
-    time, frame = log[place]
-    log[place] = time, Frame(STAGE, b"\1" + frame.data[1:])
-    assert "held is true in the row, false in the log" in refusal(log, rows)
+    log[place] = time, Frame(STAGE, shown + frame.data[len(shown) :])
+    assert complaint in refusal(log, rows)
 
 
 def test_time_that_runs_backwards_is_refused(log: Log, rows: Rows) -> None:

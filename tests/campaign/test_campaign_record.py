@@ -106,14 +106,7 @@ def test_another_campaign_is_refused_and_the_file_kept(file, other, what):
     assert file.read_bytes() == before
 
 
-def test_an_empty_file_becomes_one(tmp_path):
-    path = tmp_path / "rows"
-    path.touch()
-    assert np.isnan(read(path)).all()
-    assert read(path).shape == (12, len(COLUMNS))
-
-
-@pytest.mark.parametrize("cut", [1, 20, 60])
+@pytest.mark.parametrize("cut", [0, 1, 20, 60])
 def test_a_header_that_was_not_finished_is_none(file, cut):
     header = file.read_bytes().splitlines()[0]
     file.write_bytes(header[:cut])

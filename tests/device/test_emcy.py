@@ -47,20 +47,6 @@ def test_history_has_the_newest_first_and_no_resets() -> None:
     assert upload(device, 0x1003, 4) == bytes.fromhex("03 FF 03 AA")
 
 
-def test_only_0_clears_the_history() -> None:
-    device = started()
-    device.emergency(0xFF01, 0x80)
-    device.take()
-    for value in (1, 4, 255):
-        assert download(device, 0x1003, 0, value, 1) == 0x06090030
-    assert history(device)[0] == 1
-    assert download(device, 0x1003, 0, 0, 1) == 0
-    assert history(device) == [0, 0, 0, 0, 0]
-    assert download(device, 0x1003, 1, 0, 4) == 0x06010002
-    device.emergency(0xFF02, 0x80)
-    assert history(device)[:2] == [1, 0xFF02]
-
-
 def test_inhibit_time() -> None:
     device = started()
     assert download(device, 0x1015, 0, 30, 2) == 0

@@ -1,5 +1,5 @@
 import pytest
-from one_device import download, make_device, play, started
+from one_device import download, play, started
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
@@ -7,37 +7,10 @@ from smarttac_can.device.nmt import NMTState
 WATCH_NODE_5_FOR_20_MS = "> 620 23 16 10 01 14 00 05 00\n< 5A0 60 16 10 01 00 00 00 00\n"
 
 
-def test_producer_sends_the_state_every_period_and_nothing_between() -> None:
-    device = make_device()
-    play(
-        device,
-        """
-        power
-        < 720 00
-        > 620 2B 17 10 00 03 00 00 00     # 3 ms, and the first at once
-        < 720 7F
-        < 5A0 60 17 10 00 00 00 00 00
-        + 2999us
-        + 1us
-        < 720 7F
-        2x + 1ms
-        + 1ms
-        < 720 7F
-        > 000 01 20                       # a change of state is no heartbeat
-        2x + 1ms
-        + 1ms
-        < 720 05
-        > 620 2B 17 10 00 00 00 00 00     # off
-        < 5A0 60 17 10 00 00 00 00 00
-        10x + 1ms
-        """,
-    )
-
-
-def test_a_late_call_sends_one_heartbeat_and_keeps_the_phase() -> None:
+def test_neither_a_late_call_nor_a_change_of_state_is_a_heartbeat_more() -> None:
     device = started()
     assert download(device, 0x1017, 0, 10, 2) == 0
-    play(device, "+ 35ms\n< 720 05\n+ 4ms\n+ 1ms\n< 720 05")
+    play(device, "> 000 80 20\n+ 35ms\n< 720 7F\n+ 4ms\n+ 1ms\n< 720 7F")
 
 
 def period(ms: int) -> str:
@@ -81,12 +54,6 @@ def test_consumer_reports_loss_and_return() -> None:
         """,
     )
     assert device.nmt_state == NMTState.PRE_OPERATIONAL, "1029h:1 is 0"
-
-
-def test_loss_in_pre_operational_stays_there() -> None:
-    device = started(operational=False)
-    play(device, WATCH_NODE_5_FOR_20_MS + "> 705 05\n+ 20ms\n< 0A0 30 81 11 05 00 00 00 00")
-    assert device.nmt_state == NMTState.PRE_OPERATIONAL
 
 
 def test_one_node_cannot_be_watched_twice() -> None:
@@ -210,7 +177,3 @@ def test_no_life_time_without_both_parameters(guard_time: int, factor: int) -> N
     download(device, 0x100C, 0, guard_time, 2)
     download(device, 0x100D, 0, factor, 1)
     play(device, "> 720 rtr\n< 720 05\n+ 60000ms")
-
-
-def test_data_frames_on_its_identifier_are_nothing() -> None:
-    play(started(), "> 720 05")

@@ -31,7 +31,7 @@ def test_a_device_keeps_its_promises(fuzz: ModuleType, eds: str) -> None:
 
 def test_same_seed_gives_the_same_traffic(fuzz: ModuleType) -> None:
     one, two = (fuzz.run_seed(RICH, 3, 2000) for _ in range(2))
-    assert (one.answers, one.aborts) == (two.answers, two.aborts)
+    assert (one.answers, one.aborts, one.time_us) == (two.answers, two.aborts, two.time_us)
 
 
 def test_values_outside_their_limits_are_found(

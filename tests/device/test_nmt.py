@@ -30,37 +30,17 @@ def test_silent_before_power_on() -> None:
     play(device, f"> 000 01 20\n> {READ_MODE}\n> 080\n+ 1000ms")
 
 
-@pytest.mark.parametrize("first", list(COMMAND_OF))
-@pytest.mark.parametrize("second", list(COMMAND_OF))
-def test_every_transition(first: NMTState, second: NMTState) -> None:
+def test_the_application_hears_of_each_change_once() -> None:
     application = States()
     device = started(application, operational=False)
-    for state in (first, second):
-        play(device, f"> 000 {COMMAND_OF[state]} 20")
-        assert device.nmt_state == state
-    changes = [s for s in (first, second) if s]
-    if changes[0] == NMTState.PRE_OPERATIONAL:
-        changes.pop(0)
-    if first == second:
-        changes = changes[:1] if first != NMTState.PRE_OPERATIONAL else []
-    assert application.seen[3:] == changes, "told once for each change"
-
-
-@pytest.mark.parametrize("state", list(COMMAND_OF))
-@pytest.mark.parametrize(
-    ("command", "resets"),
-    [
-        ("81", [NMTState.RESET_APPLICATION, NMTState.RESET_COMMUNICATION]),
-        ("82", [NMTState.RESET_COMMUNICATION]),
-    ],
-)
-def test_reset_from_every_state(state: NMTState, command: str, resets: list[NMTState]) -> None:
-    application = States()
-    device = started(application, operational=False)
-    play(device, f"> 000 {COMMAND_OF[state]} 20")
     application.seen.clear()
-    play(device, f"> 000 {command} 20\n< 720 00")
-    assert application.seen == [*resets, NMTState.PRE_OPERATIONAL]
+    play(device, "> 000 80 20\n2x > 000 01 20\n2x > 000 02 20\n> 000 80 20")
+    play(device, "> 000 81 20\n< 720 00\n> 000 82 20\n< 720 00")
+    assert application.seen == [
+        *(NMTState.OPERATIONAL, NMTState.STOPPED, NMTState.PRE_OPERATIONAL),
+        *(NMTState.RESET_APPLICATION, NMTState.RESET_COMMUNICATION, NMTState.PRE_OPERATIONAL),
+        *(NMTState.RESET_COMMUNICATION, NMTState.PRE_OPERATIONAL),
+    ]
 
 
 @pytest.mark.parametrize(

@@ -415,15 +415,6 @@ def test_transmission_types(transmission: int, tpdo: int, rpdo: int) -> None:
     assert download(device, 0x1400, 2, transmission, 1) == rpdo
 
 
-@pytest.mark.parametrize(("subindex", "size"), [(3, 2), (6, 1)])
-def test_inhibit_and_start_value_are_fixed_while_valid(subindex: int, size: int) -> None:
-    device = started()
-    assert download(device, T2, subindex, 7, size) == 0x08000022
-    assert download(device, T2, subindex, 0, size) == 0, "unchanged"
-    assert download(device, T2, 1, 0xC00002A0, 4) == 0
-    assert download(device, T2, subindex, 7, size) == 0
-
-
 @pytest.mark.parametrize(
     ("cob_id", "code"),
     [
@@ -446,9 +437,3 @@ def test_can_ids_of_more_than_11_bits_are_refused(cob_id: int) -> None:
     device = started()
     assert download(device, T2, 1, 0xC00002A0, 4) == 0
     assert download(device, T2, 1, cob_id, 4) == 0x06090030
-
-
-def test_disabled_tpdo_is_silent() -> None:
-    device = started()
-    download(device, 0x1802, 1, 0xC00003A0, 4)
-    play(device, "! 3\n! 4\n> 080\n> 080\n> 080\n< 2A0 ..")

@@ -5,7 +5,6 @@ from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.service import Application
 from smarttac_can.od.cia import Abort
-from smarttac_can.od.data_types import pack
 from smarttac_can.od.entry import Entry
 
 
@@ -28,57 +27,9 @@ def write_segmented(device: Device, index: int, data: bytes, *, announce: bool =
     return int.from_bytes(answer[4:], "little") if answer[0] == 0x80 else 0
 
 
-def test_every_readable_entry_reads_as_its_default() -> None:
-    device = started(operational=False)
-    for entry in device.od:
-        expected: int | bytes = pack(entry.data_type, entry.default)
-        if entry.access == "wo":
-            expected = 0x06010001
-        elif entry.index == 0x1003 and entry.subindex:
-            expected = 0x08000024
-        assert upload(device, entry.index, entry.subindex) == expected, entry
-
-
-def is_protected(device: Device, entry: Entry) -> bool:
-    mapping = 0x1600 <= entry.index < 0x1800 or 0x1A00 <= entry.index < 0x1C00
-    return mapping and entry.subindex > 0 and device.od.number(entry.index) > 0
-
-
-def test_every_writable_entry_takes_back_what_it_holds() -> None:
-    """Masters that write all they know back must not be refused, whatever the NMT state.
-
-    But for the objects of a PDO mapping whose number is not 0, see test_mapping, and the commands
-    to store and restore, see test_storage.
-    """
-    for operational in (False, True):
-        device = started(operational=operational)
-        for entry in device.od:
-            if not entry.writable or is_protected(device, entry):
-                continue
-            if entry.index in (0x1010, 0x1011):
-                continue
-            data = entry.pack()
-            if 1 <= len(data) <= 4:
-                value = int.from_bytes(data, "little")
-                code = download(device, entry.index, entry.subindex, value, len(data))
-            else:
-                code = write_segmented(device, entry.index, data)
-            assert code == 0, entry
-            assert entry.pack() == data
-
-
 @pytest.mark.parametrize(
     ("index", "subindex", "value", "size", "code"),
     [
-        (0x2111, 0, 1, 2, 0x06010002),  # ro
-        (0x2113, 0, 1, 2, 0x06010002),  # const
-        (0x5FFF, 0, 1, 2, 0x06020000),
-        (0x2110, 1, 1, 1, 0x06090011),
-        (0x2100, 9, 1, 1, 0x06090011),
-        (0x2110, 0, 1, 2, 0x06070012),
-        (0x2100, 1, 1, 1, 0x06070013),
-        (0x2110, 0, 7, 1, 0x06090031),
-        (0x2100, 2, 1, 4, 0x06090032),
         (0x2100, 3, -1001, 2, 0x06090032),
         (0x2100, 3, 1001, 2, 0x06090031),
         (0x2100, 3, -1000, 2, 0),
@@ -97,12 +48,6 @@ def test_expedited_write(index: int, subindex: int, value: int, size: int, code:
     assert download(device, index, subindex, value, size) == code
     changed = [e for e in device.od if e.value != before[id(e)]]
     assert len(changed) == (0 if code else 1)
-
-
-def test_expedited_write_without_size_takes_that_of_the_entry() -> None:
-    device = started()
-    play(device, "> 620 22 10 21 00 03 FF FF FF\n< 5A0 60 10 21 00 00 00 00 00")
-    assert device.od["Mode"].value == 3
 
 
 def test_segmented_upload_is_a_snapshot() -> None:
@@ -126,14 +71,6 @@ def test_strings_and_domains_of_any_length(data: bytes, announce: bool) -> None:
     assert upload(device, 0x2300, 0) == data
 
 
-def test_eight_bytes_travel_in_segments() -> None:
-    device = started()
-    assert write_segmented(device, 0x2012, pack(0x15, -5)) == 0
-    assert device.od["INTEGER64"].value == -5
-    assert write_segmented(device, 0x200D, pack(0x11, 1e300)) == 0
-    assert device.od["REAL64"].value == 1e300
-
-
 def test_segmented_write_of_too_many_bytes_or_too_few(monkeypatch: pytest.MonkeyPatch) -> None:
     device, most = started(), fewer_bytes(monkeypatch)
     assert write_segmented(device, 0x2012, bytes(9)) == 0x06070012
@@ -147,15 +84,11 @@ def test_segmented_write_of_too_many_bytes_or_too_few(monkeypatch: pytest.Monkey
     assert len(device.od["Texture"].value) == most
 
 
-def test_segments_must_be_as_many_as_announced() -> None:
+def test_more_than_was_announced_is_refused() -> None:
     device = started()
     play(
         device,
         """
-        > 620 21 00 23 00 03 00 00 00
-        < 5A0 60 00 23 00 00 00 00 00
-        > 620 0B 01 02 00 00 00 00 00      # the last, with 2 bytes
-        < 5A0 80 00 23 00 13 00 07 06
         > 620 21 00 23 00 03 00 00 00
         < 5A0 60 00 23 00 00 00 00 00
         > 620 07 01 02 03 04 00 00 00      # 4 bytes
@@ -199,58 +132,6 @@ def test_time_out_after_one_second_of_device_time() -> None:
         < 5A0 80 00 00 00 01 00 04 05
         """,
     )
-
-
-def test_finished_and_aborted_transfers_do_not_time_out() -> None:
-    device = started()
-    assert upload(device, 0x1008, 0) == b"Conformance probe"
-    play(
-        device,
-        """
-        + 2000ms
-        > 620 40 08 10 00 00 00 00 00
-        < 5A0 41 08 10 00 11 00 00 00
-        > 620 80 08 10 00 00 00 00 08      # an abort has no answer
-        + 2000ms
-        """,
-    )
-
-
-def test_new_transfer_takes_the_place_of_one_left_behind() -> None:
-    device = started()
-    play(
-        device,
-        """
-        > 620 21 00 23 00 09 00 00 00
-        < 5A0 60 00 23 00 00 00 00 00
-        > 620 2F 10 21 00 02 00 00 00
-        < 5A0 60 10 21 00 00 00 00 00
-        + 2000ms
-        """,
-    )
-    assert device.od["Mode"].value == 2
-
-
-def test_reset_and_stop_end_the_transfer() -> None:
-    play(
-        started(),
-        """
-        > 620 40 08 10 00 00 00 00 00
-        < 5A0 41 08 10 00 11 00 00 00
-        > 000 02 20
-        + 2000ms
-        > 000 80 20
-        > 620 60 00 00 00 00 00 00 00
-        < 5A0 80 00 00 00 01 00 04 05
-        """,
-    )
-
-
-@pytest.mark.parametrize(
-    "text", ["620 40 10 21 00 00 00 00", "620", "620 rtr", "5A0 40 10 21 00 00 00 00 00"]
-)
-def test_what_is_no_request_is_ignored(text: str) -> None:
-    play(started(), f"> {text}")
 
 
 def test_application_may_refuse_and_sees_the_old_value() -> None:

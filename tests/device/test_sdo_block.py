@@ -201,36 +201,6 @@ def test_a_sub_block_too_long_is_swallowed_before_it_is_refused() -> None:
     assert device.od["Mode"].value == 0
 
 
-def test_numbers_and_block_sizes_outside_1_to_127() -> None:
-    play(
-        started(),
-        """
-        > 620 A4 08 10 00 00 00 00 00
-        < 5A0 80 08 10 00 02 00 04 05
-        > 620 A4 08 10 00 80 00 00 00
-        < 5A0 80 08 10 00 02 00 04 05
-        > 620 A4 08 10 00 02 00 00 00
-        < 5A0 C6 08 10 00 11 00 00 00
-        > 620 A3 00 00 00 00 00 00 00
-        < 5A0 ..
-        < 5A0 ..
-        > 620 A2 03 02 00 00 00 00 00      # more than was sent
-        < 5A0 80 08 10 00 03 00 04 05
-        > 620 A4 08 10 00 02 00 00 00
-        < 5A0 C6 08 10 00 11 00 00 00
-        > 620 A3 00 00 00 00 00 00 00
-        < 5A0 ..
-        < 5A0 ..
-        > 620 A2 02 80 00 00 00 00 00
-        < 5A0 80 08 10 00 02 00 04 05
-        > 620 C0 00 23 00 00 00 00 00
-        < 5A0 A4 00 23 00 7F 00 00 00
-        > 620 00 01 02 03 04 05 06 07
-        < 5A0 80 00 23 00 03 00 04 05
-        """,
-    )
-
-
 @pytest.mark.parametrize(("threshold", "answer"), [("10", "C6"), ("11", "41"), ("FF", "41")])
 def test_protocol_switch_threshold(threshold: str, answer: str) -> None:
     play(

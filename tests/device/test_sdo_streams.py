@@ -29,68 +29,6 @@ def texture(size: int = 45, *, operational: bool = True) -> Device:
     return device
 
 
-def test_as_many_as_are_asked_for() -> None:
-    play(
-        texture(),
-        START
-        + "? 0"
-        + FIRST_TWO
-        + """
-        ? 1
-        < 5A0 03 0E 0F 10 11 12 13 14
-        ? 200
-        < 5A0 04 15 16 17 18 19 1A 1B
-        ? 200
-        > 620 A2 04 7F 00 00 00 00 00
-        ? 1
-        < 5A0 01 1C 1D 1E 1F 20 21 22
-        ? 200
-        < 5A0 02 23 24 25 26 27 28 29
-        < 5A0 83 2A 2B 2C 00 00 00 00
-        ? 200
-        > 620 A2 03 7F 00 00 00 00 00
-        < 5A0 D1 4C 06 00 00 00 00 00
-        > 620 A1 00 00 00 00 00 00 00
-        ? 200
-        """,
-        at_once=False,
-    )
-
-
-def test_a_client_that_confirms_early_gets_nothing_of_the_old_sub_block() -> None:
-    play(
-        texture(),
-        START
-        + FIRST_TWO
-        + """
-        > 620 A2 01 02 00 00 00 00 00      # 02 was lost
-        ? 200
-        < 5A0 01 07 08 09 0A 0B 0C 0D
-        < 5A0 02 0E 0F 10 11 12 13 14
-        ? 200
-        > 620 A2 00 04 00 00 00 00 00
-        > 620 A2 00 01 00 00 00 00 00      # before it was given anything
-        ? 200
-        < 5A0 01 07 08 09 0A 0B 0C 0D
-        """,
-        at_once=False,
-    )
-
-
-def test_more_cannot_be_confirmed_than_was_given() -> None:
-    play(
-        texture(),
-        START
-        + FIRST_TWO
-        + """
-        > 620 A2 03 04 00 00 00 00 00
-        < 5A0 80 00 23 00 03 00 04 05
-        ? 200
-        """,
-        at_once=False,
-    )
-
-
 @pytest.mark.parametrize(
     "end",
     [

@@ -28,58 +28,6 @@ def value(device: Device, parameter: tuple[int, int, int, int]) -> int:
     return device.od.number(*parameter[:2])
 
 
-def test_save_survives_power_off_and_what_is_not_saved_does_not() -> None:
-    memory = Memory()
-    device = powered(memory)
-    download(device, *HEARTBEAT)
-    assert download(device, 0x1010, 1, SAVE, 4) == 0
-    download(device, *LIMIT)
-    for again in (powered(memory), device):
-        again.receive(RESET_NODE)
-        assert value(again, HEARTBEAT) == 500
-        assert value(again, LIMIT) == 1000
-
-
-@pytest.mark.parametrize(("group", "kept"), [(2, {500}), (3, set()), (4, {30})])
-def test_groups(group: int, kept: set[int]) -> None:
-    memory = Memory()
-    device = powered(memory)
-    download(device, *HEARTBEAT)
-    download(device, *LIMIT)
-    download(device, 0x1010, group, SAVE, 4)
-    again = powered(memory)
-    assert {value(again, HEARTBEAT), value(again, LIMIT)} - {0, 1000} == kept
-    # The other groups stay when one of them is saved or restored.
-    download(device, 0x1010, 1, SAVE, 4)
-    download(device, 0x1011, group, LOAD, 4)
-    again = powered(memory)
-    assert {value(again, HEARTBEAT), value(again, LIMIT)} - {0, 1000} == {500, 30} - kept
-
-
-def test_load_takes_effect_after_the_reset() -> None:
-    memory = Memory()
-    device = powered(memory)
-    download(device, *HEARTBEAT)
-    download(device, *LIMIT)
-    download(device, 0x1010, 1, SAVE, 4)
-    assert download(device, 0x1011, 1, LOAD, 4) == 0
-    assert value(device, HEARTBEAT) == 500
-    device.receive(RESET_COMMUNICATION)
-    assert (value(device, HEARTBEAT), value(device, LIMIT)) == (0, 30)
-    device.receive(RESET_NODE)
-    assert value(device, LIMIT) == 1000
-
-
-def test_reset_communication_brings_stored_values_back() -> None:
-    device = powered(Memory())
-    download(device, *HEARTBEAT)
-    download(device, 0x1010, 2, SAVE, 4)
-    download(device, 0x1017, 0, 7, 2)
-    sent = device.receive(RESET_COMMUNICATION)
-    assert sent == [Frame(0x700 + NODE_ID, b"\0")]
-    assert value(device, HEARTBEAT) == 500
-
-
 @pytest.mark.parametrize("index", [0x1010, 0x1011])
 def test_signatures(index: int) -> None:
     memory = Memory()

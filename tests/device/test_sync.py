@@ -18,13 +18,6 @@ class Order(Application):
         self.calls.append(f"rpdo {number}")
 
 
-def test_type_3_goes_out_on_every_third_sync_and_only_then() -> None:
-    device = started()
-    for turn in range(5):
-        device.od["Counter"].value = turn
-        play(device, f"> 080\n+ 1ms\n> 080\n+ 1ms\n> 080\n< 2A0 {turn:02X} 00 00 00\n+ 1ms")
-
-
 def test_counting_starts_anew_in_operational() -> None:
     device = started()
     play(device, "> 080\n> 080\n> 000 80 20\n> 080\n> 000 01 20\n> 080\n> 080\n> 080\n< 2A0 ..")
@@ -78,30 +71,12 @@ def test_producer_counts_from_1_to_the_overflow_and_from_1_after_stopped() -> No
     play(device, "> 000 02 20\n> 000 80 20\n+ 1ms\n< 080 01")
 
 
-@pytest.mark.parametrize(("value", "code"), [(1, 0x06090030), (2, 0), (240, 0), (241, 0x06090031)])
-def test_counter_overflow_values(value: int, code: int) -> None:
-    assert download(started(), 0x1019, 0, value, 1) == code
-
-
-def test_counter_is_fixed_while_the_period_is_not_0() -> None:
-    device = started()
-    assert download(device, 0x1006, 0, 1000, 4) == 0
-    assert download(device, 0x1019, 0, 10, 1) == 0x08000022
-    assert download(device, 0x1019, 0, 0, 1) == 0, "what changes nothing is let through"
-    assert download(device, 0x1006, 0, 0, 4) == 0
-    assert download(device, 0x1019, 0, 10, 1) == 0
-
-
 @pytest.mark.parametrize(
     ("value", "code"),
     [
-        (0x000000A5, 0),
         (0x800000A5, 0),  # bit 31 means nothing
         (0x20000080, 0x06090030),
         (0x00000880, 0x06090030),
-        (0x00000000, 0x06090030),
-        (0x00000601, 0x06090030),
-        (0x00000701, 0x06090030),
     ],
 )
 def test_sync_cob_id(value: int, code: int) -> None:
@@ -109,14 +84,6 @@ def test_sync_cob_id(value: int, code: int) -> None:
     assert download(device, 0x1005, 0, value, 4) == code
     if not code:
         play(device, "> 080\n> 080\n> 080\n> 0A5\n> 0A5\n> 0A5\n< 2A0 ..")
-
-
-def test_sync_cob_id_is_fixed_while_producing() -> None:
-    device = started()
-    assert download(device, 0x1005, 0, 0x40000080, 4) == 0
-    assert download(device, 0x1005, 0, 0x40000081, 4) == 0x08000022
-    assert download(device, 0x1005, 0, 0x00000081, 4) == 0
-    assert download(device, 0x1005, 0, 0x40000081, 4) == 0
 
 
 def test_wrong_length_is_reported_once_and_ignored() -> None:

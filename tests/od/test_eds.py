@@ -135,22 +135,6 @@ def test_characters_that_a_visible_string_cannot_hold_are_replaced(text: str, ta
     assert not [warning for warning in unicode.warnings if "STRING" in warning]
 
 
-@pytest.mark.parametrize("data_type", ["0x0009", "0x000B"])
-@pytest.mark.parametrize("text", ["~a b!", "a\tb", "5 µm\t!"])
-def test_a_default_that_is_served_is_taken_when_it_is_written_back(
-    text: str, data_type: str
-) -> None:
-    entry = load_eds(var(f"DefaultValue={text}", data_type=data_type), 1)["X"]
-    served = entry.pack()
-    assert entry.unpack(served) == entry.value
-
-
-def test_a_default_with_a_tab_is_a_visible_string() -> None:
-    od = load_eds(var("DefaultValue=~a\tb!", data_type="0x0009"), 1)
-    assert od.warnings == []
-    assert od["X"].pack() == b"~a\tb!"
-
-
 def test_all_lines_with_other_characters_are_counted() -> None:
     text = var("DefaultValue=1", "Denotation=ä", "Denotation=ä")
     assert load_eds(text, 1).warnings == ["line 9 and of 1 more: not all characters are ASCII"]

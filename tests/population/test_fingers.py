@@ -14,7 +14,6 @@ from smarttac_can.population.fingers import (
     Case,
     draw_finger,
     draw_plate,
-    lift,
     stroke_of,
 )
 
@@ -137,10 +136,6 @@ def test_the_first_passes_are_the_same_whatever_was_asked_before():
     stroke.at(20.0)
     assert stroke.passes(5) == other.passes(5)
     assert len(other.passes(16)) == 16
-
-
-def test_a_finger_that_lifts_is_gone_for_a_tenth_of_a_second_each_second():
-    assert [lift(time) for time in (0.9, 1.05, 1.5)] == [1.0, 0.0, 1.0]
 
 
 def drawn_of(plate):

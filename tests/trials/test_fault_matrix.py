@@ -9,9 +9,8 @@ from pathlib import Path
 import pytest
 
 from smarttac_can.audit import verify_rows
-from smarttac_can.bench.simulation import PLATE_ID, plate_od, stimulator_od
+from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
-from smarttac_can.od.cia import EMCY_ID, RPDO_IDS, SYNC_ID
 from smarttac_can.trials.fault_cases import (
     ALL_NOT_SEEN,
     ALL_TOLERATED,
@@ -178,32 +177,6 @@ def test_what_acts_through_the_loop_is_also_there_under_the_predictive_laws() ->
         rig = driving_rig(case, mode)
         chosen = [rig.od[name].value for name in ("Friction law", "Controller.Vibration law")]
         assert chosen == [3, 2]
-
-
-def test_row_can_be_checked_from_the_log() -> None:
-    frames: list[tuple[int, Frame]] = []
-    (row,) = fault_matrix(
-        cases(["S3 stuck"], ["amplitude"]),
-        hold=HOLD,
-        log=lambda time, frame: frames.append((time, frame)),
-    )
-    injected = row.injected_at_s * 1e6
-    drives = [f.data for t, f in frames if f.can_id == RPDO_IDS[0] + PLATE_ID and t <= injected]
-    assert int.from_bytes(drives[-1][:2], "little") * 1e-2 == pytest.approx(row.voltage_before_v)
-    syncs = 0
-    for time, frame in frames:
-        if time <= injected:
-            continue
-        syncs += frame.can_id == SYNC_ID
-        if frame.can_id == RPDO_IDS[0] + PLATE_ID and frame.data[:2] == bytes(2):
-            break
-    assert syncs == row.cycles_to_zero
-    codes = [
-        f"{int.from_bytes(f.data[:2], 'little'):04X}h"
-        for t, f in frames
-        if t > injected and f.can_id in (EMCY_ID + 32, EMCY_ID + 33)
-    ]
-    assert codes[0] == row.emcy_code
 
 
 @pytest.mark.parametrize("way", [way for way in WAYS if way != "identify"])

@@ -4,11 +4,10 @@ import pytest
 
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
 from smarttac_can.device.frame import Frame
-from smarttac_can.master.errors import HeartbeatLostError
-from smarttac_can.od.cia import Abort, NMTCommand
+from smarttac_can.od.cia import NMTCommand
 from smarttac_can.trials.rig import MasterTraffic, Rig
-from smarttac_can.vocabulary.faults import FaultCode, FaultKind
-from smarttac_can.vocabulary.states import Mode, State
+from smarttac_can.vocabulary.faults import FaultCode
+from smarttac_can.vocabulary.states import Mode
 
 
 @pytest.fixture
@@ -18,37 +17,11 @@ def rig() -> Rig:
     return rig
 
 
-@pytest.mark.parametrize("plate_inside", [False, True])
-def test_drives_in_a_mode(plate_inside: bool) -> None:
-    rig = Rig(plate_inside=plate_inside)
-    rig.start()
-    rig.write("Setpoint.Voltage", 2000)
-    rig.start_run()
-    rig.drive(Mode.OPEN_LOOP)
-    rig.cycle(3)
-    assert rig.state is State.RUNNING
-    assert rig.stage.read() == 2000
-
-
-def test_one_cycle_is_one_tick_of_the_plate(rig: Rig) -> None:
-    before = rig.plate_block.od["Cycle.Ticks"].value
-    rig.cycle(7)
-    assert rig.plate_block.od["Cycle.Ticks"].value == before + 7
-
-
 def test_reads_what_was_written_and_from_the_right_node(rig: Rig) -> None:
     rig.write("Setpoint.Amplitude", 700)
     rig.write("Simulation.Subject", 4)
     assert rig.read("Setpoint.Amplitude") == 700
     assert rig.plate_block.od["Simulation.Subject"].value == 4
-
-
-def test_refusals_and_silence_are_told(rig: Rig) -> None:
-    with pytest.raises(Abort):
-        rig.write("Simulation.Subject", 10)
-    rig.nmt(NMTCommand.STOP)
-    with pytest.raises(HeartbeatLostError, match="node 32 does not answer to Mode"):
-        rig.read("Mode")
 
 
 @pytest.mark.parametrize(("plate_inside", "can_id"), [(False, 0x4A1), (True, 0x4A0)])
@@ -83,15 +56,6 @@ def test_notes_emergencies_of_both_nodes(rig: Rig) -> None:
         (PLATE_ID, 0x5210, 0x81),
         (STIMULATOR_ID, 0x5210, 0x81),
     ]
-
-
-def test_breaks_and_mends_the_plate(rig: Rig) -> None:
-    rig.inject(FaultKind.SATURATED, 2)
-    rig.cycle()
-    assert rig.plate_block.od["Vibration.Saturation"].value == 2
-    rig.mend()
-    rig.cycle()
-    assert rig.plate_block.od["Vibration.Saturation"].value == 0
 
 
 def test_syncs_carry_a_counter_that_both_nodes_take(rig: Rig) -> None:

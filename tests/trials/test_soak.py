@@ -25,7 +25,6 @@ from smarttac_can.trials.soak import (
     margin_rows,
     merged,
     parts,
-    soak_in_parts,
 )
 from smarttac_can.vocabulary.faults import PICKUP_D, FaultKind
 from smarttac_can.vocabulary.states import Mode, State
@@ -158,13 +157,6 @@ def test_a_mishap_ends_a_run_only_where_the_plate_itself_vibrates_too_much(
 def test_length_below_one_cycle_is_refused() -> None:
     with pytest.raises(ValueError, match="cycles 0 is below 1"):
         Soak(0, 1)
-
-
-def test_a_sound_run_violates_nothing(rig: Rig, invariants: Invariants) -> None:
-    for _ in range(200):
-        rig.cycle()
-        invariants.check()
-    assert not invariants.violated
 
 
 def test_voltage_above_the_limit_is_seen(rig: Rig, invariants: Invariants) -> None:
@@ -343,13 +335,6 @@ def test_only_the_first_violations_of_all_parts_are_kept() -> None:
     both = merged([report(n, violated=15, violations=lines) for n in (1, 2)])
     assert both.violated == 30
     assert len(both.violations) == 20
-
-
-def test_progress_goes_over_all_parts() -> None:
-    shares: list[float] = []
-    soak_in_parts([Part(500, 1), Part(500, 2)], progress=shares.append)
-    assert shares == sorted(shares) and shares[-1] == 1.0
-    assert any(0.0 < share <= 0.5 for share in shares)
 
 
 TWO_JOBS = """

@@ -5,11 +5,14 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from nodes_on_a_bus import until
 
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
 SOAK = ("soak", "--hours", "3")
 FAULTS = ("faults", "--hold", "1000000000")
 """A row of it lasts longer than anybody waits."""
@@ -34,7 +37,23 @@ def busy(pid: int) -> bool:
     return int(fields[11]) > 2 * os.sysconf("SC_CLK_TCK")
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
+@contextmanager
+def sharing(*work: str) -> Iterator[subprocess.Popen[str]]:
+    """Run a command that two processes share, in a group of its own; in the end none is left."""
+    # A shell starts what runs in the background deaf to Ctrl-C, and so it would these tests.
+    command = ["env", "--default-signal=INT", sys.executable, "-m", "smarttac_can"]
+    command += [*work, "--jobs", "2"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as begun:
+        try:
+            yield begun
+            until(lambda: not group(begun.pid), pause=0.1)
+        finally:
+            if group(begun.pid):
+                os.killpg(begun.pid, signal.SIGKILL)
+
+
 @pytest.mark.parametrize(
     ("work", "number", "early", "to_all", "again"),
     [
@@ -50,27 +69,17 @@ def test_no_process_is_left(
     work: tuple[str, ...], number: int, early: bool, to_all: bool, again: bool
 ) -> None:
     """Ctrl-C goes to all processes of a terminal; as soon as they begin, or while they work."""
-    # A shell starts what runs in the background deaf to Ctrl-C, and so it would these tests.
-    command = ["env", "--default-signal=INT", sys.executable, "-m", "smarttac_can"]
-    command += [*work, "--jobs", "2"]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
-    ) as begun:
+    with sharing(*work) as begun:
         leader = begun.pid
-        try:
-            # Two that work, and that of multiprocessing which tracks resources.
-            until(lambda: len(group(leader)) == 4, pause=0.1)
-            if not early:
-                until(lambda: sum(map(busy, group(leader))) >= 2, pause=0.1)
-            (os.killpg if to_all else os.kill)(leader, number)
-            if again:
-                time.sleep(0.05)
-                os.killpg(leader, number)
-            _, errors = begun.communicate(timeout=60.0)
-            until(lambda: not group(leader), pause=0.1)
-        finally:
-            if group(leader):
-                os.killpg(leader, signal.SIGKILL)
+        # Two that work, and that of multiprocessing which tracks resources.
+        until(lambda: len(group(leader)) == 4, pause=0.1)
+        if not early:
+            until(lambda: sum(map(busy, group(leader))) >= 2, pause=0.1)
+        (os.killpg if to_all else os.kill)(leader, number)
+        if again:
+            time.sleep(0.05)
+            os.killpg(leader, number)
+        _, errors = begun.communicate(timeout=60.0)
     if again:
         # The second may come when the first has ended all but the process itself.
         assert begun.returncode in (1, -number)
@@ -81,21 +90,15 @@ def test_no_process_is_left(
         assert errors.split() == ["Aborted!"]
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
 def test_a_process_that_is_killed_ends_the_work_in_one_line() -> None:
-    command = [sys.executable, "-m", "smarttac_can", "soak", "--hours", "3", "--jobs", "2"]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
-    ) as begun:
-        leader = begun.pid
-        try:
-            until(lambda: sum(pid != leader and busy(pid) for pid in group(leader)) >= 1, pause=0.1)
-            os.kill(next(pid for pid in group(leader) if pid != leader and busy(pid)), 9)
-            _, errors = begun.communicate(timeout=60.0)
-            until(lambda: not group(leader), pause=0.1)
-        finally:
-            if group(leader):
-                os.killpg(leader, signal.SIGKILL)
+    with sharing(*SOAK) as begun:
+
+        def working() -> list[int]:
+            return [pid for pid in group(begun.pid) if pid != begun.pid and busy(pid)]
+
+        until(working, pause=0.1)
+        os.kill(working()[0], signal.SIGKILL)
+        _, errors = begun.communicate(timeout=60.0)
     assert begun.returncode == 1
     assert errors.splitlines()[-1] == "Error: a process that shared the work was killed"
     assert "Traceback" not in errors
