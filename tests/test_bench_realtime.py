@@ -68,14 +68,13 @@ def test_a_panel_runs_beside() -> None:
 
 
 def test_an_sdo_client_runs_beside() -> None:
-    with running("--seconds", "5", "--sdo", "5000", "--deadline", "100", "--json") as process:
-        said, complaints = process.communicate()
-    if not said:
-        # A machine that is too busy may fail a transfer before there are results.
-        assert process.returncode == 1
-        assert complaints.splitlines()[-1].startswith("Error: ")
+    # A machine that is too busy may fail a transfer before there are results, but not each time.
+    for _ in range(3):
+        with running("--seconds", "5", "--sdo", "5000", "--deadline", "100", "--json") as process:
+            said, complaints = process.communicate()
         assert "changed the data" not in complaints
-        return
+        if said:
+            break
     results = json.loads(said)
     assert set(results["deadline_ms"].values()) == {100}
     assert results["transfers"] > 0

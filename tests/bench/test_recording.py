@@ -5,6 +5,7 @@ import struct
 import subprocess
 import sys
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -42,7 +43,6 @@ CHANNELS = {
 }
 ALIEN = """
 import sys
-import threading
 import h5py, pandas
 
 with h5py.File(sys.argv[1]) as file:
@@ -279,6 +279,60 @@ def test_a_full_disk_is_told_at_the_end(tmp_path: Path, monkeypatch: pytest.Monk
             raise ZeroDivisionError
         (note,) = caught.value.__notes__
         assert "b.h5.log takes no more: No space left on device" in note
+
+
+def test_in_real_time_beside_scripts_that_run(virtual: dict[str, Any], tmp_path: Path) -> None:
+    """Other scripts run beside it and drive; what is lost all the same is named."""
+    node = stimulator_with_plate(lockstep=False)
+    with in_threads(virtual, node, lockstep=False):
+        with (
+            Stimulator.connect(**virtual) as reader,
+            reader.record(tmp_path / "run.h5") as recording,
+            Stimulator.connect(**virtual) as driver,
+        ):
+            driver.voltage = 20
+            for _ in range(3):
+                with suppress(NotRunningError):  # on a machine that is busy
+                    driver.run(0.2)
+            before = recording.cycles
+            # By the event timers, 100 ms, this would take longer than the guard.
+            until(lambda: recording.cycles > before + 1000)
+            driver.voltage = 10
+        types = [node.od.entry(0x1800 + n, 2).value for n in range(4)]
+    assert types == [255] * 4
+    assert recording.summary is not None
+    with h5py.File(tmp_path / "run.h5") as file:
+        ticks, gaps = file["tick"][:], file["gaps"][:]
+        voltages = [row["value"] for row in file["set_points"][:] if row["name"].endswith(b"age")]
+        every = set(range(int(ticks[0]), int(ticks[-1]) + 1))
+    named = {t for gap in gaps for t in range(gap["first_tick"], gap["last_tick"] + 1)}
+    assert named == every - set(ticks.tolist())
+    assert voltages == [20, 10]
+
+
+def test_a_recording_that_ends_takes_nothing_from_a_script_that_runs(
+    virtual: dict[str, Any], tmp_path: Path
+) -> None:
+    ended = threading.Event()
+    with (
+        in_threads(virtual, stimulator_with_plate()),
+        Stimulator.connect(**virtual, lockstep=True) as reader,
+        Stimulator.connect(**virtual, lockstep=True) as driver,
+    ):
+        driver.start_run()
+        driver.voltage = 20
+        driver.mode = "open_loop"
+
+        def record() -> None:
+            with reader.record(tmp_path / "run.h5") as recording:
+                until(lambda: recording.cycles > 200)
+            ended.set()
+
+        with ThreadPoolExecutor(1) as pool:
+            recorded = pool.submit(record)
+            until(lambda: len(driver.run(0.05)) == 50 and ended.is_set())
+            recorded.result()
+        assert len(driver.run(0.05)) == 50
 
 
 def test_a_node_that_is_reset_is_recorded_on(virtual: dict[str, Any], tmp_path: Path) -> None:

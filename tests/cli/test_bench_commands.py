@@ -5,6 +5,7 @@ import json
 import os
 import pty
 import select
+import signal
 import struct
 import subprocess
 import sys
@@ -284,6 +285,17 @@ def test_a_watch_that_drives_leaves_0_v_with_ctrl_c(multicast: dict[str, Any]) -
         node.wait_for("stimulator 32 mode off")
         assert watch.end() == 0
     assert "Traceback" not in watch.seen
+
+
+def test_a_watch_that_is_killed_leaves_0_v(multicast: dict[str, Any]) -> None:
+    options = multicast_options(multicast)
+    with processes(multicast, "node") as (node,), terminal(*options, "--drive") as watch:
+        watch.wait_for("ready")
+        watch.press("mode open_loop\r")
+        node.wait_for("stimulator 32 mode open_loop")
+        watch.process.send_signal(signal.SIGKILL)
+        node.wait_for("stimulator 32 mode off")
+        node.wait_for("stimulator 32 fault 8131h: the heartbeat of a watched node is lost")
 
 
 def test_nobody_to_drive_is_one_line(multicast: dict[str, Any]) -> None:

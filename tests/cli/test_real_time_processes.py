@@ -135,6 +135,19 @@ def test_a_stimulator_whose_stdout_nobody_reads_goes_on_and_ends_at_0_v(
             assert (PLATE_ID, 0x8253) not in watch.emergencies
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="the size of a pipe is set")
+def test_a_plate_whose_stdout_nobody_reads_goes_on_and_ends(multicast: dict[str, Any]) -> None:
+    with unread(multicast, "plate") as plate, StageWatch(**multicast) as watch:
+        for command in (1, 128, 1, 128, 1):
+            watch.send(0, bytes((command, 0)))
+        controller = Controller(watch)
+        controller.drive_until_voltage()
+        controller.cycle(RAW)
+        assert_cycles_rise_with(controller, watch)
+        plate.terminate()
+        assert plate.wait(GUARD_S) == 0
+
+
 class Controller:
     """A stimulator that says what it is told to say, and SYNC."""
 
@@ -164,6 +177,12 @@ class Controller:
             return self.watch.read_stage().raw == RAW
 
         until(driven)
+
+
+def assert_cycles_rise_with(controller: Controller, watch: StageWatch) -> None:
+    before = watch.read(PLATE_ID, ODS[PLATE_ID]["Cycle.Ticks"])
+    controller.cycle(0)
+    until(lambda: watch.read(PLATE_ID, ODS[PLATE_ID]["Cycle.Ticks"]) > before)
 
 
 def test_a_plate_that_was_paused_is_at_0_v_before_it_hears_what_waited(

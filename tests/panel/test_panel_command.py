@@ -206,6 +206,20 @@ def test_a_second_panel_does_not_drive_the_same_stimulator(
         asyncio.run(shows(node, Mode.OFF))
 
 
+def test_a_panel_that_is_killed_leaves_0_v(node: StimulatorNode, multicast: dict[str, Any]) -> None:
+    options = (*multicast_options(multicast), "--drive")
+    with panel(*options) as (process, token, port):
+
+        async def script(page: Page) -> None:
+            await drive(page, token)
+            await shows(node, Mode.OPEN_LOOP)
+            process.process.send_signal(signal.SIGKILL)
+            await shows(node, Mode.OFF)
+            assert node.od["Message"].value == "the heartbeat of a watched node is lost"
+
+        on_a_page(port, script)
+
+
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_an_instrument_that_fails_leaves_0_v_and_ends_the_command(
     node: StimulatorNode, multicast: dict[str, Any], monkeypatch: pytest.MonkeyPatch

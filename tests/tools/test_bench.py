@@ -3,12 +3,13 @@
 import json
 import runpy
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from smarttac_can.bench import Stimulator
+from smarttac_can.bench import Mode, State, Stimulator
 
 ROOT = Path(__file__).parents[2]
 TOOL = ROOT / "tools" / "bench"
@@ -41,6 +42,42 @@ def test_a_loop_that_is_off_is_an_error(
     monkeypatch.chdir(ROOT)
     with pytest.raises(SystemExit, match=r"^state READY, mode OFF, a finger"):
         tool["recorded"]("local", 20)
+
+
+@dataclass
+class Said:
+    """What a bench says of its loop."""
+
+    state: State = State.RUNNING
+    mode: Mode = Mode.FRICTION
+    touching: int = 1
+
+    def get(self, name: str) -> float:
+        return {"Mode display": self.mode, "Contact.Touching": self.touching}[name]
+
+
+@pytest.mark.parametrize("cof", [0.335, 0.365])
+def test_regulated_friction(tool: dict[str, Any], cof: float) -> None:
+    tool["require_friction"](Said(), cof)
+
+
+@pytest.mark.parametrize(
+    ("said", "cof", "error"),
+    [
+        (Said(state=State.READY), 0.35, "state READY, mode FRICTION, a finger, COF 0.350:"),
+        (Said(mode=Mode.AMPLITUDE), 0.35, "state RUNNING, mode AMPLITUDE, a finger, COF 0.350:"),
+        (Said(touching=0), 0.35, "state RUNNING, mode FRICTION, no finger, COF 0.350:"),
+        (Said(), 0.33, "state RUNNING, mode FRICTION, a finger, COF 0.330:"),
+        (Said(), 0.37, "state RUNNING, mode FRICTION, a finger, COF 0.370:"),
+    ],
+)
+def test_friction_that_is_not_regulated(
+    tool: dict[str, Any], said: Said, cof: float, error: str
+) -> None:
+    with pytest.raises(
+        SystemExit, match=rf"^{error} friction is not regulated to 0\.35 within 5%$"
+    ):
+        tool["require_friction"](said, cof)
 
 
 def call(tool: dict[str, Any], monkeypatch: pytest.MonkeyPatch, *arguments: str) -> None:

@@ -75,6 +75,17 @@ def watch_master(watch: StageWatch, node_id: int) -> None:
     assert MISSED not in watch.errors(node_id)
 
 
+@pytest.mark.parametrize("can_id", [0x600 + STIMULATOR_ID, FOREIGN_ID], ids=["heard", "foreign"])
+def test_plate_inside(can_id: int) -> None:
+    bus = {"interface": "socketcan", "channel": CHANNEL}
+    with NodeProcess("node", lockstep=False) as node, StageWatch(**bus) as watch:
+        watch_master(watch, STIMULATOR_ID)
+        drive(watch)
+        assert voltage(watch, STIMULATOR_ID) == 4000
+        assert_missed_in_a_flood(watch, STIMULATOR_ID, can_id)
+        assert node.terminate() == 0
+
+
 @pytest.mark.parametrize("can_id", [0x600 + PLATE_ID, FOREIGN_ID], ids=["heard", "foreign"])
 def test_plate_node(can_id: int) -> None:
     bus = {"interface": "socketcan", "channel": CHANNEL}

@@ -55,11 +55,16 @@ def connect() -> Stimulator:
     )
 
 
-def test_stimulator_told_to_stop(plate: NodeProcess, stimulator: NodeProcess) -> None:
+@pytest.mark.parametrize(
+    "number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGXCPU], ids=lambda n: n.name
+)
+def test_stimulator_told_to_stop(
+    number: signal.Signals, plate: NodeProcess, stimulator: NodeProcess
+) -> None:
     with pytest.raises(HeartbeatLostError, match="node 32 does not answer"), connect() as bench:
         drive(bench)
         assert stage_voltage() == 2000
-        stimulator.process.send_signal(signal.SIGTERM)
+        stimulator.process.send_signal(number)
         assert stimulator.ended() == 0
         assert stimulator.said[-1] == "stimulator 32 stopped at 0 V"
         assert stage_voltage() == 0
