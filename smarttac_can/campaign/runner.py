@@ -199,6 +199,8 @@ class Record:
                 yield line
 
     def _require_same(self, content: dict[str, Any], header: dict[str, Any]) -> None:
+        if not header.keys() <= content.keys():
+            raise RecordError(f"{self._path}: is of another version: {content.get('campaign')!r}")
         for key, value in header.items():
             if (found := content.get(key)) != value:
                 raise RecordError(

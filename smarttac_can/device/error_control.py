@@ -208,7 +208,9 @@ class HeartbeatConsumer(Service):
             monitor.follow(value)
             return
         monitor.timer.stop()
-        self._losses.clear(monitor.node_id)
+        if monitor.node_id:
+            # 0 is the master that guards this node, and no node of an unused entry.
+            self._losses.clear(monitor.node_id)
         monitor.parameter = value
 
     def configure(self) -> None:

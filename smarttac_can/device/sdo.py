@@ -542,9 +542,8 @@ class SDOServer(Service):
 
     def _segment(self, request: bytes) -> bytes:
         transfer = self._transfer
-        if type(transfer) is not (Upload if request[0] >> 5 else Download):
+        if not isinstance(transfer, Upload if request[0] >> 5 else Download):
             raise Abort(AbortCode.COMMAND)
-        assert isinstance(transfer, Upload | Download)
         response, last = transfer.segment(request)
         if not last:
             self._wait()

@@ -114,7 +114,7 @@ def _number(text: str, column: tuple[str, tuple[float, float]]) -> float:
     except ValueError:
         raise ValueError(f"{name} {text.strip()!r} is not a number") from None
     if not low <= number <= high:
-        raise ValueError(f"{name} {number:g} is outside {low:g}..{high:g}")
+        raise ValueError(f"{name} {text.strip()} is outside {low:g}..{high:g}")
     return number
 
 

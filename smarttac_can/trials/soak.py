@@ -323,7 +323,7 @@ def merged(reports: Sequence[SoakReport]) -> SoakReport:
 def _added(values: Sequence[Any]) -> Any:
     """Return the sum of numbers, or of the numbers of each name."""
     if isinstance(values[0], dict):
-        names = dict.fromkeys(chain.from_iterable(values))
+        names = sorted(set(chain.from_iterable(values)))
         return {name: _added([value.get(name, 0) for value in values]) for name in names}
     return round(sum(values), 3)
 

@@ -54,12 +54,17 @@ def meaning(entry: Entry, raw: object) -> str:
     fields = FIELDS.get(entry.name, ())
     if fields:
         parts = []
+        unnamed = raw
         for field in fields:
-            bits = raw >> field.start & (1 << field.length) - 1
+            mask = (1 << field.length) - 1
+            bits = raw >> field.start & mask
+            unnamed &= ~(mask << field.start)
             if field.values:
                 parts.append(field.values.get(bits, str(bits)))
             elif bits:
                 parts.append(field.name)
+        if unnamed:
+            parts.append(f"{unnamed:X}h")
         return "+".join(parts) or "0"
     return entry.shown(raw)
 

@@ -32,6 +32,7 @@ RICH = Path(__file__).parents[1] / "eds" / "rich.eds"
                                  "is lost"),
         ("1A0#0F0304", "stimulator 32 TPDO 1: Statusword live+driving+touching+limited+running, "
                        "Mode display friction"),
+        ("220#038004", "stimulator 32 RPDO 1: Controlword arm+run+8000h, Mode friction"),
         ("220#030004", "stimulator 32 RPDO 1: Controlword arm+run, Mode friction"),
         ("220#0000", "stimulator 32 RPDO 1: 00 00, 3 bytes are mapped"),
         ("2A0#7D00F401AC0D1027", "stimulator 32 TPDO 2: Contact.Tangential force 125 mN, "

@@ -155,6 +155,10 @@ def test_life_guarding_begins_with_the_first_remote_frame() -> None:
         + 1ms
         < 0A0 30 81 11 00 00 00 00 00
         + 100ms
+        """
+        # An entry that is not in use yet clears nothing.
+        + WATCH_NODE_5_FOR_20_MS
+        + """
         > 720 rtr
         < 720 7F
         < 0A0 00 00 00 00 00 00 00 00

@@ -10,7 +10,7 @@ import pytest
 from smarttac_can.bench.network import TappedNetwork
 from smarttac_can.cli.shared import BusChoice, closing_network
 from smarttac_can.host.python_can import PythonCanBus, kept_here
-from smarttac_can.timing.loop_run import require_quiet
+from smarttac_can.timing.loop_run import require_free
 
 GROUP = {"interface": "udp_multicast", "channel": "239.74.163.3"}
 
@@ -98,7 +98,7 @@ def test_nobody_of_us_sends_out_of_this_computer(
     others = {key: value for key, value in multicast.items() if key not in own}
     with closing_network(BusChoice(*(multicast[key] for key in own), None, others)):
         pass
-    require_quiet(multicast)
+    require_free(multicast)
     assert hops == [0] * 5
 
 
