@@ -58,8 +58,8 @@ FREE: Final[Mapping[str, tuple[float, float]]] = {
 """What is free, with its bounds, SI."""
 START: Final = {
     1: (1.9e-6, 13.0, 0.53, 70e-3),
-    2: (2.6e-6, 7.78, 0.47, 37e-3),
-    3: (1.5e-6, 7.55, 0.869, 70.2e-3),
+    2: (2.44e-6, 8.0, 0.476, 35.8e-3),
+    3: (1.4e-6, 7.5, 0.9, 70e-3),
     4: (1.48e-6, 10.5, 1.49, 20.8e-3),
 }
 """Values of `FREE` from which a walk starts: where coarser ones from the presets arrived."""
