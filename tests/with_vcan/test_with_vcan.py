@@ -171,5 +171,7 @@ for what in (0x202, 1):  # all registers, and the short set, of a process that i
     libc.ptrace(0x4204, 0, what, 0)
     print(ctypes.get_errno())
 """
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", script], cwd=WITH_VCAN.parent, capture_output=True, check=True
+    )
     assert done.stdout.split() == [b"%d" % answer, b"%d" % errno.ESRCH]
