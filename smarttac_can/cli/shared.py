@@ -468,7 +468,7 @@ Report = Callable[[object, Iterable[str]], None]
 
 @contextmanager
 def reporting(json_file: Path | None, *others: type[Exception]) -> Iterator[Report]:
-    """Open the file for the results, if there is one, before the run; errors as `plain_errors`."""
+    """Open the file for the results before the run, and show errors as `plain_errors` does."""
     with plain_errors(*others), ExitStack() as stack:
         file: TextIO | None = None
         if json_file is not None:

@@ -209,7 +209,7 @@ class HeartbeatConsumer(Service):
             return
         monitor.timer.stop()
         if monitor.node_id:
-            # 0 is the master that guards this node, and no node of an unused entry.
+            # An unused entry has node-ID 0, which `Losses` takes for the guarding master.
             self._losses.clear(monitor.node_id)
         monitor.parameter = value
 

@@ -723,7 +723,8 @@ def soak_in_parts(chosen: Sequence[Part], *, jobs: int = 1, progress: Progress) 
     jobs
         Number of processes that share the parts; with 1 only this process works.
     progress
-        Function that is called with the fraction that is done, 0..1: of several parts after each.
+        Function that is called with the fraction that is done, 0..1. With several parts it is
+        called after each part.
 
     Raises
     ------

@@ -70,7 +70,7 @@ def meaning(entry: Entry, raw: object) -> str:
 
 
 def meaning_of_bytes(entry: Entry | None, data: bytes) -> str:
-    """Return the meaning of a value on the wire; its bytes if it is none of the entry."""
+    """Return the meaning of a value on the wire, or its bytes if the entry cannot have it."""
     try:
         if entry is not None:
             return meaning(entry, entry.unpack(data[: entry.size or None]))
