@@ -368,8 +368,9 @@ def _at_once(plan: WatchPlan, seen: Seen, rests: tuple[int, ...]) -> int:
 
 def _undecided(vibration: Vibration, in_force: InForce, amplitude: float, mode: int) -> int:
     """Return the bits of the counts for which this cycle cannot be judged."""
-    # Without a vibration its phase is unknown; the pauses of a friction loop hide nothing.
-    held = 0 if amplitude > AMPLITUDE_MIN else _RESONANCE
+    # Without a vibration its phase is unknown, and while it decays at 0 V it has a frequency of its own.
+    phased = amplitude > AMPLITUDE_MIN and in_force.drive.voltage > 0.0
+    held = 0 if phased else _RESONANCE
     # With a wrong phase the loop hunts in frequency, so only open-loop steps of it are excused.
     turns = in_force.turning and mode == _OPEN_LOOP
     return held if vibration.least > _LOOKED_FOR and not turns else held | _LACKING

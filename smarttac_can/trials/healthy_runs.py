@@ -13,7 +13,7 @@ from smarttac_can.nodes.plate_block import PlateBlock, SimulatedPlate
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.od.cia import Abort
 from smarttac_can.plant.finger import FingerState, Lifted, smooth
-from smarttac_can.plant.parameters import PlateParameters
+from smarttac_can.plant.parameters import PlateParameters, ResonatorParameters, SensorParameters
 from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.subjects import SUBJECTS, Subject
 from smarttac_can.trials.invariants import TripCause
@@ -32,6 +32,8 @@ _DRIVING: Final = (
 )
 _WEIGHTS: Final = (1, 4, 2, 4, 6)
 _DEAD_TIMES: Final = (0, 540, 999)
+_SOFTENINGS: Final = (0.0, 60e6, 150e6)
+_WINDOWS: Final = (0.0, 461e-6)
 _TARE_CYCLES: Final = TARE_SAMPLES + 6
 _IDENTIFY_CYCLES: Final = 2500
 _LEAST_COF, _MOST_COF = 500, 20000
@@ -90,6 +92,12 @@ class _Finger:
             if time - begin > self._period:
                 Fn = min(Fn, self._force * smooth(phase * self._period / self._press))
         return FingerState(self._travel * sin(self._omega * time), Fn)
+
+
+def _plate(seed: int) -> tuple[float, float]:
+    """Draw the softening in Hz/m and the pick-up's window in s, apart from all other draws."""
+    draw = random.Random(f"plate {seed}")
+    return draw.choice(_SOFTENINGS), draw.choice(_WINDOWS)
 
 
 def _subject(draw: random.Random) -> Subject:
@@ -159,11 +167,19 @@ def healthy_run(seed: int) -> HealthyRun:
     block.od.reset()
     block.power_on()
     dead_time = draw.choice(_DEAD_TIMES)
+    softening, window = _plate(seed)
+    half = round(0.5e6 * window)
+    if dead_time + half > _DEAD_TIMES[-1]:
+        window, half = 0.0, 0
+    parameters = PlateParameters(
+        resonator=ResonatorParameters(softening=softening),
+        sensors=SensorParameters(pickup_window=window),
+    )
     law, friction = draw.choice(list(VibrationLaw)), draw.choice(list(Law))
     for name, raw in (
         ("Controller.Vibration law", law),
         ("Friction law", friction),
-        ("Controller.Dead time", dead_time),
+        ("Controller.Dead time", dead_time + half),
         ("Simulation.Drive instant", dead_time),
         ("Texture table.Table 1", _texture(draw).pack()),
     ):
@@ -173,14 +189,14 @@ def healthy_run(seed: int) -> HealthyRun:
     backend = bench.plate_block.backend
     assert isinstance(backend, SimulatedPlate)
     plate = backend.plate = Plate(
-        PlateParameters(), _subject(draw), finger, seed=seed, ambient=ambient,
+        parameters, _subject(draw), finger, seed=seed, ambient=ambient,
         dead_time=dead_time * 1e-6,
     )  # fmt: skip
     identifies = not draw.randrange(4)
     if identifies:
         # There is no finger during the identification.
         backend.plate = Plate(
-            PlateParameters(), SUBJECTS[0], Lifted(), seed=seed, ambient=ambient,
+            parameters, SUBJECTS[0], Lifted(), seed=seed, ambient=ambient,
             dead_time=dead_time * 1e-6,
         )  # fmt: skip
         _tare(block)
@@ -193,7 +209,8 @@ def healthy_run(seed: int) -> HealthyRun:
         block.write(START_RUN, 1)
         backend.plate = plate
     _tare(block)
-    return _driven(seed, draw, bench, f"{law.name} {friction.name} {dead_time} us, {finger}")
+    kind = f"{dead_time} us, {softening * 1e-6:.0f} Hz/um, window {2 * half} us"
+    return _driven(seed, draw, bench, f"{law.name} {friction.name} {kind}, {finger}")
 
 
 def _tare(block: StimulatorBlock) -> None:

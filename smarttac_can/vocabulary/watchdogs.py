@@ -341,8 +341,8 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         "from the end of its range the loop takes 50 ms to the resonance; cycles with a vibration "
         "count",
         Way.SLOWLY,
-        ". Cycles without a vibration do not count; a mode that does not track the "
-        "resonance forgets all",
+        ". Cycles at 0 V or without a vibration do not count; a mode that does not track "
+        "the resonance forgets all",
         remedy="identify the plate again; if that fails, look for a crack",
         looks_at="phase of the pick-up, in the modes that track the resonance",
         counts=(Count("resonance", Way.SLOWLY, RESONANCE_CYCLES, modes=TRACKING_MODES),),

@@ -134,3 +134,20 @@ def test_a_loop_that_is_closed_again_has_its_time_to_find_the_resonance() -> Non
         mode = OPEN_LOOP if cycle % 100 == 99 else AMPLITUDE_RESONANCE
         watch.drive(100.0)
         assert not watch.look(0.5e-6j, nobody, 20.0, mode) >> Watchdog.RESONANCE & 1
+
+
+@pytest.mark.parametrize(("driven", "decaying", "cycles"), [(0.5, 0.2j, 0), (0.5j, 0.2, 199)])
+def test_only_the_phase_under_a_voltage_shows_whether_the_resonance_is_lost(
+    driven: complex, decaying: complex, cycles: int
+) -> None:
+    """At 0 V the vibration has its own frequency, which on a plate that softens is another one."""
+    watch = Watch()
+    nobody = Contact(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, touching=False)
+    tripped = 0
+    for cycle in range(1, 1000):
+        volts, W = (100.0, driven) if cycle % 2 else (0.0, decaying)
+        watch.drive(volts)
+        if watch.look(W * 1e-6, nobody, 20.0, AMPLITUDE_RESONANCE) >> Watchdog.RESONANCE & 1:
+            tripped = cycle
+            break
+    assert tripped == cycles

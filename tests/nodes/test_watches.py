@@ -239,6 +239,7 @@ def test_a_count_is_of_its_modes_and_forgotten_in_the_others(mode: int) -> None:
     """The phase is lost for 60 cycles in mode friction, for one in another, and for 60 again."""
     watch = Watch()
     W = 1e-6 - 1.5e-6j
+    watch.drive(75.0)
     found = 0
     for now in [4] * 60 + [mode] + [4] * 60:
         found |= watch.look(W, mode=now) & RESONANCE
