@@ -188,12 +188,6 @@ class Identification:
                 break
             f = nearest
             yield from _hold(0.0, f, REST_TICKS)
-        delay = steps.delay
-        if abs(delay - p.dead_time) > steps.tolerance:
-            self.remark = (
-                f"a drive is seen some {delay * 1e6:.0f} us after its measurement, the dead time "
-                f"is {p.dead_time * 1e6:.0f} us: write Controller.Dead time"
-            )
         ticks = patience * SWEEP_TICKS
         for _ in range(SWEEPS):
             half = 0.5 / (math.pi * tau)
@@ -212,6 +206,7 @@ class Identification:
                 _require_data_sheet(model, p)
                 check = yield from self._sweep(CHECK_SHARE * V, sweep, CHECK_POINTS)
                 _require_linear(model, check, sweep.noise / (CHECK_SHARE * V * gain))
+                self.remark = _remark_on_delay(steps, p.dead_time)
                 return model
         if f_min <= f0 <= f_max:
             raise IdentificationError(f"no sweep fits the resonance it finds, last {f0:.0f} Hz")
@@ -228,6 +223,15 @@ class Identification:
             yield from _hold(V, f, settling)
             points.append((f, _mean((yield from _hold(V, f, ticks))) - offset))
         return _fit_sweep(V, points, noise)
+
+
+def _remark_on_delay(steps: StepResponse, dead_time: float) -> str:
+    if abs(steps.delay - dead_time) <= steps.tolerance:
+        return ""
+    return (
+        f"a drive is seen some {steps.delay * 1e6:.0f} us after its measurement, the dead time "
+        f"is {dead_time * 1e6:.0f} us: write Controller.Dead time"
+    )
 
 
 def _hold(V: float, f: float, ticks: int) -> Samples:

@@ -17,7 +17,14 @@ from smarttac_can.plant.friction import (
     bare_friction,
     friction_map,
 )
-from smarttac_can.plant.parameters import TWO_PI, PlateParameters, resonance_at, stiffness_of
+from smarttac_can.plant.parameters import (
+    TWO_PI,
+    ContactParameters,
+    PlateParameters,
+    ResonatorParameters,
+    resonance_at,
+    stiffness_of,
+)
 from smarttac_can.plant.resonator import Response, integral, rate_in_frame, response, vibrate
 from smarttac_can.plant.sensors import Sensing, readings
 from smarttac_can.plant.skin import Skin, skin_of, skin_step, slide
@@ -34,6 +41,10 @@ SWING_SHARE: Final = 0.1
 SWING_SPEED: Final = 5e-3
 """In m/s. The skin swings if its speed differs from the bone's by more than this and by more than
 `SWING_SHARE` of the bone's speed."""
+LEAST_RESONANCE: Final = 0.5
+"""Fraction of the resonance at rest to which softening lowers it at most."""
+HARDEST: Final = 10.0
+"""Largest normal force of a finger in N."""
 CONTACT_GROWTH: Final = 2.0 / 3.0
 """Exponent of the contact area, and with it the finger's load on the mode, over force [L]."""
 
@@ -185,9 +196,15 @@ def coefficients(
         Time in s from the start of a tick until the new drive is in force.
     sound_f0
         Frequency in Hz at which the finger is vibrated; a broken plate resonates elsewhere.
+
+    Raises
+    ------
+    ValueError
+        Under a finger a mode would not oscillate.
     """
     p, mode, contact = parameters, parameters.resonator, parameters.contact
     sensors = p.sensors
+    _require_oscillation(mode, contact, subject)
     return Coefficients(
         ModeCoefficients(
             mode.mass,
@@ -215,6 +232,20 @@ def coefficients(
         -math.expm1(-TICK / p.thermal.time_constant),
         -math.expm1(-TICK / subject.occlusion_time),
     )
+
+
+def _require_oscillation(
+    mode: ResonatorParameters, contact: ContactParameters, subject: Subject
+) -> None:
+    load = (HARDEST / FORCE_REFERENCE) ** CONTACT_GROWTH * (1.0 + contact.ripple) ** 2
+    damping = mode.damping + subject.load_damping * load
+    lowest = LEAST_RESONANCE * (mode.f0 + min(mode.neighbour_offset, 0.0))
+    most = 2.0 * TWO_PI * mode.mass * lowest
+    if not damping < most:
+        raise ValueError(
+            f"damping {damping:.3g} N s/m under a finger of {HARDEST:g} N is not below {most:.3g}: "
+            f"a mode of {mode.mass:g} kg at {lowest:.0f} Hz does not oscillate"
+        )
 
 
 def _segments(parameters: PlateParameters, dead_time: float) -> tuple[Segment, Segment, Segment]:
@@ -443,10 +474,12 @@ def _stepped(
     for _ in range(number):
         if softening:
             # Of second order: the stiffness of a sub-step is that of its mean amplitude.
-            softer = stiffness_of(mass, resonance - softening * size) + c_finger
+            fallen = max(resonance - softening * size, LEAST_RESONANCE * resonance)
+            softer = stiffness_of(mass, fallen) + c_finger
             mode = _driven(mass, length, omega, force, damping, softer)
             mean = 0.5 * softening * (size + abs(vibrate(mode.step, W, rate)[0]))
-            softer = stiffness_of(mass, resonance - mean) + c_finger
+            fallen = max(resonance - mean, LEAST_RESONANCE * resonance)
+            softer = stiffness_of(mass, fallen) + c_finger
             mode = _driven(mass, length, omega, force, damping, softer)
         W0, rate0 = W, rate
         W, rate = vibrate(mode.step, W, rate)

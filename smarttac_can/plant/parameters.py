@@ -20,10 +20,10 @@ def require(name: str, value: object, low: float, high: float) -> None:
     Raises
     ------
     ValueError
-        It is outside, or NaN. One line gives the name, the value and the bounds.
+        It is outside, NaN, or no number. One line gives the name, the value and the bounds.
     """
-    numbers = np.asarray(value, dtype=np.float64)
-    if not np.all((numbers >= low) & (numbers <= high)):
+    numbers = np.asarray(value)
+    if numbers.dtype.kind not in "biuf" or not np.all((numbers >= low) & (numbers <= high)):
         raise ValueError(f"{name} {value} is outside {low:g}..{high:g}")
 
 
@@ -68,8 +68,8 @@ class ResonatorParameters:
     """Electromechanical conversion N in N/V; the force, like W, is peak-to-peak."""
 
     def __post_init__(self) -> None:
-        require("mass", self.mass, 1e-4, 1.0)
-        require("f0", self.f0, 1e3, 1e6)
+        require("mass", self.mass, 1e-3, 1.0)
+        require("f0", self.f0, 5e3, 1e6)
         require("f0_slope", self.f0_slope, -1e3, 1e3)
         require("reference_temperature", self.reference_temperature, -40.0, 125.0)
         require("softening", self.softening, -1e9, 1e9)
@@ -133,7 +133,7 @@ class SensorParameters:
     pickup_noise: float = 1e-9
     """Standard deviation of the noise of each axis of the pick-up in m [A]."""
     pickup_window: float = 0.0
-    """Time in s before the tick over which the pick-up averages, 0..0.001 [A]."""
+    """Time in s before the tick over which the pick-up averages, 1e-6..0.001; 0 for none [A]."""
     pickup_lag: float = 0.0
     """Time constant in s of the low-pass filter after the pick-up's demodulator, 0..0.01 [A]."""
     temperature_noise: float = 5e-3
@@ -162,6 +162,8 @@ class SensorParameters:
         require("gauge_noise", self.gauge_noise, 0.0, 1.0)
         require("pickup_noise", self.pickup_noise, 0.0, 1e-6)
         require("pickup_window", self.pickup_window, 0.0, 1e-3)
+        if self.pickup_window:
+            require("pickup_window", self.pickup_window, 1e-6, 1e-3)
         require("pickup_lag", self.pickup_lag, 0.0, 1e-2)
         require("temperature_noise", self.temperature_noise, 0.0, 10.0)
         require("gauge_resolution", self.gauge_resolution, 1e-9, 1.0)

@@ -23,7 +23,7 @@ _BOUNDS = {
     "skin_mass": (0.0, 1e-2),
     "skin_stiffness": (10.0, 1e5),
     "skin_damping": (0.01, 100.0),
-    "load_damping": (0.0, 1e3),
+    "load_damping": (0.0, 100.0),
     "load_stiffness": (0.0, 1e8),
 }
 

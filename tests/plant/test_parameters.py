@@ -108,3 +108,36 @@ def test_parameters_are_values():
     assert PlateParameters() == PlateParameters()
     with pytest.raises(dataclasses.FrozenInstanceError):
         PlateParameters().resonator.tau = 1.0
+
+
+@pytest.mark.parametrize(
+    ("wrong", "line"),
+    [
+        ({"pickup_window": 1e-12}, "pickup_window 1e-12 is outside 1e-06..0.001"),
+        ({"pickup_window": "461e-6"}, "pickup_window 461e-6 is outside"),
+    ],
+)
+def test_a_window_is_none_or_a_time(wrong, line):
+    with pytest.raises(ValueError, match=line):
+        SensorParameters(**wrong)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"f0": 6e3, "neighbour_offset": -5e3},
+        {"f0": 5e3, "tau": 1e-5},
+        {"f0": 5e3, "mass": 1e-3},
+    ],
+)
+def test_a_mode_that_would_not_oscillate_under_a_finger_is_refused(wrong):
+    with pytest.raises(ValueError, match="Hz does not oscillate"):
+        moves(resonator=ResonatorParameters(**wrong))
+
+
+def test_a_plate_that_softens_beyond_all_measure_keeps_a_resonance():
+    mode = ResonatorParameters(f0=5e3, tau=5e-3, gain=1e-6, softening=1e9)
+    plate = Plate(PlateParameters(resonator=mode), SUBJECTS[1], Stroke(rest=0.0, press=0.002))
+    for volts in (150.0, 3.0, 150.0, 0.0) * 10:
+        plate.step(Drive(volts, mode.f0), Drive(volts, mode.f0))
+        assert math.isfinite(abs(plate.W))
