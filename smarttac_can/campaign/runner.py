@@ -129,9 +129,9 @@ class Record:
         self._chunks: list[_Chunk] = []
         header = _header(campaign)
         sound = self._read(header) if path.exists() else 0
-        self._file: BinaryIO = path.open("r+b" if path.exists() else "xb")
+        # For appending: the lines of two processes with one file do not overwrite each other.
+        self._file: BinaryIO = path.open("ab")
         self._file.truncate(sound)
-        self._file.seek(sound)
         if not sound:
             self._write(header)
 

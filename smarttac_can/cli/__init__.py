@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import click
 
 from smarttac_can import __version__
-from smarttac_can.host.process_signals import sigterm_interrupts
+from smarttac_can.host.process_signals import endings_interrupt
 
 EXAMPLE = """\b
 Examples:
@@ -96,4 +96,4 @@ class _Families(click.Group):
 @click.pass_context
 def main(context: click.Context) -> None:
     """SMARTTAC as a CANopen instrument: nodes, plate simulator and the paper's experiments."""
-    context.with_resource(sigterm_interrupts())
+    context.with_resource(endings_interrupt())

@@ -32,6 +32,7 @@ from smarttac_can.cli.shared import (
     need_matplotlib,
     one_line,
     plain_errors,
+    refuse_own_files,
     reporting,
     result_folder,
     result_folder_path,
@@ -356,12 +357,17 @@ def campaign(
     ]
     if output is not None:
         need_matplotlib()
+    kept = _kept_in(resume, campaigns)
+    made = [json_file, *(output / name for name in CAMPAIGN_FILES if output is not None)]
+    refuse_own_files(kept, made, "--resume")
     _warn_if_slow()
     with reporting(json_file, ClusterError, RecordError) as write_results, ExitStack() as stack:
         folder = (
             None if output is None else stack.enter_context(result_folder(output, CAMPAIGN_FILES))
         )
-        records = _records(stack, resume, campaigns)
+        records: list[Record | None] = [None] * len(campaigns)
+        for number, file in enumerate(kept):
+            records[number] = stack.enter_context(Record(file, campaigns[number]))
         progress = stack.enter_context(progress_bar("campaign"))
         results = [
             run_campaign(
@@ -420,15 +426,11 @@ def _pairs(laws: list[Law], vibration_laws: list[VibrationLaw]) -> list[tuple[La
     return pairs
 
 
-def _records(
-    stack: ExitStack, resume: Path | None, campaigns: list[Campaign]
-) -> list[Record | None]:
-    """Open the file that keeps each campaign: with its laws in the name if there are several."""
+def _kept_in(resume: Path | None, campaigns: list[Campaign]) -> list[Path]:
+    """Return the file that keeps each campaign: with its laws in the name if there are several."""
     if resume is None:
-        return [None] * len(campaigns)
-    files = [resume]
-    if len(campaigns) > 1:
-        laws = (f"{one.law.name}-{one.vibration_law.name}".lower() for one in campaigns)
-        files = [resume.with_name(f"{resume.name}.{name}") for name in laws]
-    pairs = zip(files, campaigns, strict=True)
-    return [stack.enter_context(Record(file, one)) for file, one in pairs]
+        return []
+    if len(campaigns) == 1:
+        return [resume]
+    laws = (f"{one.law.name}-{one.vibration_law.name}".lower() for one in campaigns)
+    return [resume.with_name(f"{resume.name}.{name}") for name in laws]

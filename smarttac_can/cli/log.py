@@ -207,11 +207,15 @@ def log(file: Path | None, eds_files: dict[int, Path], bus: BusChoice) -> None:
     with plain_errors():
         text = FrameText(_nodes(eds_files))
         first: int | None = None
-        with naming(file or Path(bus.where), ValueError):
-            for time, frame in read_log(file) if file else _live(bus):
+        with plain_errors(ValueError):
+            for time, frame in read_log(file, _on_cut) if file else _live(bus):
                 first = time if first is None else first
                 where = f"{(time - first) * 1e-6:12.6f}  {frame.can_id:03X}"
                 click.echo(f"{where}  {one_line(text.of(frame))}")
+
+
+def _on_cut(line: str) -> None:
+    click.echo(one_line(line), err=True)
 
 
 def _nodes(eds_files: dict[int, Path]) -> Iterator[tuple[str, ObjectDictionary]]:

@@ -25,6 +25,7 @@ from smarttac_can.cli.shared import (
     json_options,
     lockstep_option,
     one_line,
+    refuse_own_files,
     reporting,
     require_image,
     stimulator_options,
@@ -91,7 +92,8 @@ def record(
     It starts the nodes and only reads: set-points, modes and voltage stay others' business, and
     Ctrl-C ends the recording, not the drive. If no cycle came, the exit code is 1.
     """
-    _refuse_twice(file, raw, json_file)
+    own = [file.with_name(file.name + suffix) for suffix in ("", ".log", ".part")]
+    refuse_own_files(own, (raw, json_file), "the recording")
     said = zip(METADATA, (subject, operator, notes), strict=True)
     metadata = {name: text for name, text in said if text is not None}
     with reporting(json_file, ValueError) as write_results:
@@ -109,14 +111,6 @@ def record(
                 f"{file} has no row: no cycle came. The loop needs SYNC and both nodes "
                 "OPERATIONAL; nodes in lockstep run only while a script calls run()"
             )
-
-
-def _refuse_twice(file: Path, *others: Path | None) -> None:
-    """Refuse another file with the path of the recording, or of a file beside it."""
-    own = [file.with_name(file.name + suffix).resolve() for suffix in ("", ".log", ".part")]
-    for other in others:
-        if other is not None and other.resolve() in own:
-            raise click.UsageError(f"{other} is a file of the recording itself: choose another")
 
 
 def _refuse_bus(bus: BusChoice, *others: object) -> None:

@@ -57,6 +57,8 @@ def plain_errors(*others: type[Exception]) -> Iterator[None]:
         raise click.ClickException(one_line("; ".join(filter(None, texts)))) from error
     except BrokenProcessPool as error:
         raise click.ClickException("a process that shared the work was killed") from error
+    except BrokenPipeError:  # click ends without a word, as for any reader that leaves
+        raise
     except OSError as error:
         raise click.ClickException(one_line(trouble(error))) from error
 
@@ -77,6 +79,14 @@ def warn(file: str | Path, warnings: Sequence[str]) -> None:
         click.echo(one_line(f"{file}: {warning}"), err=True)
     if more := len(warnings[_MOST_WARNINGS:]):
         click.echo(one_line(f"{file}: {more} more warnings"), err=True)
+
+
+def refuse_own_files(own: Iterable[Path], others: Iterable[Path | None], whose: str) -> None:
+    """Refuse a command that would write another result into one of its own files."""
+    taken = {file.resolve() for file in own}
+    for other in others:
+        if other is not None and other.resolve() in taken:
+            raise click.UsageError(f"{other} is a file of {whose} itself: choose another")
 
 
 def need_matplotlib() -> None:

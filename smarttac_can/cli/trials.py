@@ -207,7 +207,7 @@ def _read_rows(rows: Path) -> Any:
 @click.command(epilog="Example: smarttac soak --hours 0.1 --seed 7 --json soak.json")
 @click.option(
     "--hours",
-    type=FiniteRange(min=0.0, min_open=True),
+    type=FiniteRange(min=0.0, max=10_000.0, min_open=True),
     required=True,
     help="Simulated time.",
 )

@@ -208,8 +208,9 @@ class HeartbeatConsumer(Service):
             monitor.follow(value)
             return
         monitor.timer.stop()
-        if monitor.node_id:
-            # An unused entry has node-ID 0, which `Losses` takes for the guarding master.
+        if monitor.period and monitor.node_id:
+            # An entry not in use has no loss to clear: that is another entry's, or with node-ID 0
+            # the guarding master's.
             self._losses.clear(monitor.node_id)
         monitor.parameter = value
 

@@ -22,6 +22,7 @@ _ENDING = [
 ]
 """SIGXCPU comes to a process of real-time priority that does not wait any more."""
 
+_HANGUP: Final = getattr(signal, "SIGHUP", None)
 _PARTING_S: Final = 5.0
 _SOME_BYTES: Final = 4096
 
@@ -51,6 +52,8 @@ def _wait_for_parent() -> None:
 def stop_on_signals() -> Iterator[Callable[[], bool]]:
     """Catch SIGINT, SIGTERM, SIGHUP (closed terminal) and SIGXCPU during the block.
 
+    A SIGHUP that is ignored, as by nohup, stays ignored.
+
     Yields
     ------
     Callable
@@ -61,7 +64,8 @@ def stop_on_signals() -> Iterator[Callable[[], bool]]:
     def remember(number: int, _frame: FrameType | None) -> None:
         caught.append(number)
 
-    previous = {number: signal.signal(number, remember) for number in _ENDING}
+    caught_here = [number for number in _ENDING if not _is_ignored_hangup(number)]
+    previous = {number: signal.signal(number, remember) for number in caught_here}
     try:
         yield lambda: bool(caught)
     finally:
@@ -69,21 +73,28 @@ def stop_on_signals() -> Iterator[Callable[[], bool]]:
             signal.signal(number, handler)
 
 
-@contextmanager
-def sigterm_interrupts() -> Iterator[None]:
-    """Let SIGTERM end the block like Ctrl-C, by `KeyboardInterrupt`, so that it is cleaned up.
+def _is_ignored_hangup(number: int) -> bool:
+    return number == _HANGUP and signal.getsignal(number) is signal.SIG_IGN
 
-    It does nothing outside the main thread, or if SIGTERM has another handler.
+
+@contextmanager
+def endings_interrupt() -> Iterator[None]:
+    """Let SIGTERM and SIGHUP end the block like Ctrl-C, by `KeyboardInterrupt`, with its clean-up.
+
+    It does nothing outside the main thread, or for a signal that is ignored or has a handler.
     """
     main = threading.current_thread() is threading.main_thread()
-    if not main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
-        yield
-        return
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    endings = [signal.SIGTERM] if _HANGUP is None else [signal.SIGTERM, _HANGUP]
+    free = [number for number in endings if signal.getsignal(number) is signal.SIG_DFL]
+    if not main:
+        free = []
+    for number in free:
+        signal.signal(number, signal.default_int_handler)
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        for number in free:
+            signal.signal(number, signal.SIG_DFL)
 
 
 @contextmanager

@@ -34,6 +34,19 @@ def test_rows_come_back_to_the_bit(file):
     assert np.isnan(rows[[0, 1, 5, 6, 10, 11]]).all()
 
 
+def test_two_that_write_one_file_lose_nothing(tmp_path):
+    path = tmp_path / "rows"
+    with Record(path, CAMPAIGN) as one, Record(path, CAMPAIGN) as other:
+        one.add(range(2, 5), ODD)
+        other.add(range(2, 5), ODD)
+        other.add(range(7, 10), 2.0 * ODD)
+        one.add(range(10, 12), ODD[:2])
+    rows = read(path)
+    assert rows[2:5].tobytes() == ODD.tobytes()
+    assert rows[7:10].tobytes() == (2.0 * ODD).tobytes()
+    assert rows[10:12].tobytes() == ODD[:2].tobytes()
+
+
 def test_fewer_fingers_than_there_are_leave_the_rest(file):
     assert read(file, 3)[2].tobytes() == ODD[0].tobytes()
 

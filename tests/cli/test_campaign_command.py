@@ -92,6 +92,16 @@ def test_it_goes_on_and_a_damaged_file_is_one_line(tmp_path: Path) -> None:
             2,
             "law measured with vibration law pi is given twice",
         ),
+        (
+            ("--fingers", "3", "--resume", "rows", "--json", "./rows", "--force"),
+            2,
+            "rows is a file of --resume itself: choose another",
+        ),
+        (
+            ("--fingers", "3", "--resume", "made/fingers.csv", "--output", "made"),
+            2,
+            "made/fingers.csv is a file of --resume itself: choose another",
+        ),
         (("--fingers", "3", "--dead-time", "1000"), 2, "1000 us is outside 0..999"),
         (("--fingers", "3", "--workers", "2", "--dask", "tcp://x"), 2, "no meaning with --dask"),
         (

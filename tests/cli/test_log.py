@@ -1,13 +1,15 @@
 """``smarttac log`` says in words what frames mean."""
 
 import signal
+import subprocess
+import sys
 from pathlib import Path
 from time import monotonic, sleep
 from typing import Any
 
 import can
 import pytest
-from commands import refusal, succeed
+from commands import refusal, run, succeed
 from nodes_on_a_bus import GUARD_S, NodeProcess, multicast_options
 
 from smarttac_can.bench import plate_od, stimulator_od
@@ -68,6 +70,29 @@ def test_a_log_is_shown_by_the_eds_of_its_nodes(tmp_path: Path) -> None:
         "    0.000000  705  rich 5 boot-up",
         "    0.250000  1A0  stimulator 32 TPDO 1: Statusword live+ready, Mode display off",
     ]
+
+
+def test_a_cut_last_line_is_named_and_left_out(tmp_path: Path) -> None:
+    file = tmp_path / "run.log"
+    file.write_text("(1700000000.000000) can0 705#00\n(1700000000.25", encoding="ascii")
+    result = run("log", file)
+    assert result.stdout.splitlines() == ["    0.000000  705  node 5 boot-up"]
+    assert result.stderr == f"{file}: the last line, 2, is cut and left out\n"
+    assert result.exit_code == 0
+
+
+def test_a_reader_that_leaves_ends_it_without_a_word(tmp_path: Path) -> None:
+    file = tmp_path / "run.log"
+    file.write_text("(1700000000.000000) can0 705#00\n" * 20_000, encoding="ascii")
+    with subprocess.Popen(
+        [sys.executable, "-m", "smarttac_can", "log", file],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    ) as process:  # fmt: skip
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.readline()
+        process.stdout.close()
+        assert process.stderr.read() == b""
 
 
 def test_a_bus_is_shown_until_ctrl_c(multicast: dict[str, Any]) -> None:

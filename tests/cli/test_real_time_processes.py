@@ -306,7 +306,10 @@ while True:
 def test_a_bench_that_reads_is_stopped_and_killed_and_the_run_goes_on(
     multicast: dict[str, Any],
 ) -> None:
-    with processes(multicast, "node"), Stimulator.connect(**multicast) as bench:
+    with (
+        processes(multicast, "node --finger none"),
+        Stimulator.connect(**multicast) as bench,
+    ):
 
         def read() -> None:
             with process(READS, *multicast.values()) as reader:

@@ -132,6 +132,7 @@ def test_two_processes_give_the_same_rows_and_the_same_log(tmp_path: Path) -> No
             "--hold has no meaning with --verify",
         ),
         (("soak", "--hours", "nan"), "nan is not a finite number"),
+        (("soak", "--hours", "1e308"), "is not in the range 0.0<x<=10000.0"),
         (("fmeda", "--cell", "failure=d:gone:1"), "gone"),
         (("fmeda", "--cell", "mode=SIDEWAYS"), "SIDEWAYS"),
         (("fmeda", "--random", "3", "--healthy", "3"), "--healthy"),

@@ -112,6 +112,17 @@ def test_another_time_for_the_same_node_counts_from_its_last_heartbeat() -> None
     )
 
 
+def test_an_entry_that_is_not_in_use_clears_no_loss_of_another() -> None:
+    device = started()
+    download(device, 0x1016, 1, 0x5_0014, 4)
+    device.receive(Frame(0x705, b"\5"))
+    play(device, "+ 20ms\n< 0A0 30 81 11 05 00 00 00 00")
+    assert download(device, 0x1016, 2, 0x5_0000, 4) == 0  # the same node, but no time
+    assert download(device, 0x1016, 2, 0, 4) == 0
+    assert device.od.entry(0x1001, 0).value & 0x10
+    play(device, "> 705 05\n< 0A0 00 00 00 00 00 00 00 00")
+
+
 def test_a_time_that_is_shortened_again_and_again_does_not_postpone_the_loss() -> None:
     device = started()
     download(device, 0x1016, 1, 0x5_0000 | 100, 4)

@@ -16,7 +16,7 @@ from conftest import GUARD_S
 from toy_node import BOOT_UP, OFF
 
 from smarttac_can.device.frame import Frame
-from smarttac_can.host.process_signals import sigterm_interrupts, stop_on_signals
+from smarttac_can.host.process_signals import endings_interrupt, stop_on_signals
 from smarttac_can.host.python_can import PythonCanBus
 
 SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGXCPU]
@@ -41,25 +41,37 @@ def test_handlers_come_back_after_an_error() -> None:
     assert [signal.getsignal(n) for n in SIGNALS] == before
 
 
-def test_sigterm_interrupts_and_its_handler_comes_back() -> None:
-    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
-    with pytest.raises(KeyboardInterrupt), sigterm_interrupts():
-        signal.raise_signal(signal.SIGTERM)
-    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_an_ending_interrupts_and_its_handler_comes_back(number: signal.Signals) -> None:
+    assert signal.getsignal(number) is signal.SIG_DFL
+    with pytest.raises(KeyboardInterrupt), endings_interrupt():
+        signal.raise_signal(number)
+    assert signal.getsignal(number) is signal.SIG_DFL
+
+
+def test_a_hangup_that_nohup_ignores_stays_ignored() -> None:
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with endings_interrupt(), stop_on_signals() as stop:
+            signal.raise_signal(signal.SIGHUP)
+            assert not stop()
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 def test_sigterm_is_left_to_who_handles_it() -> None:
-    with sigterm_interrupts(), stop_on_signals() as stop:
+    with endings_interrupt(), stop_on_signals() as stop:
         signal.raise_signal(signal.SIGTERM)
         assert stop()
-    with stop_on_signals() as stop, sigterm_interrupts():
+    with stop_on_signals() as stop, endings_interrupt():
         signal.raise_signal(signal.SIGTERM)
         assert stop()
 
 
 def test_sigterm_is_left_alone_outside_of_the_main_thread() -> None:
     def look() -> object:
-        with sigterm_interrupts():
+        with endings_interrupt():
             return signal.getsignal(signal.SIGTERM)
 
     with ThreadPoolExecutor(1) as executor:
