@@ -22,8 +22,10 @@ from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.texture import texture_of
 from smarttac_can.control.tribometer import calibration
 from smarttac_can.plant.finger import Stroke, ramp_of
+from smarttac_can.plant.friction import bare_friction, friction_map, sliding_friction
 from smarttac_can.plant.parameters import PlateParameters
 from smarttac_can.plant.plate import Plate
+from smarttac_can.plant.skin import skin_of
 from smarttac_can.plant.subjects import SUBJECTS
 from smarttac_can.population.fingers import CASES, draw_finger
 from smarttac_can.population.trial import Campaign, outcome_of
@@ -240,6 +242,30 @@ def answers(found: Curves) -> Iterator[str]:
     return columns("Law|Dead time, us|" + "|".join(f"{f} Hz" for f in SHOWN), rows)
 
 
+@cache
+def slip(subject: int, speed: float, frequency: int) -> float:
+    """Return by how much a small swing of the friction falls off from 5 Hz on, as the skin slips.
+
+    To pull more the skin stretches, and while it does its speed falls behind the bone's. Around a
+    slide at the middle of the references ``Z = skin_mass s + b + k/s`` holds the skin to the bone,
+    and the friction is F = F_W W + F_v v. So the force follows W by ``F_W Z/(Z + F_v)``.
+    """
+    finger = SUBJECTS[subject - 1]
+    friction, skin = friction_map(finger, F0), skin_of(finger)
+    bare = bare_friction(friction, FORCE, 0.0)
+    middle = float(np.mean(LEVELS[subject])) * FORCE
+
+    slopes = [sliding_friction(friction, bare, 1e-9 * nm, 1e-3 * speed) for nm in range(5000)]
+    _, per_v, _ = min(slopes, key=lambda each: abs(each[0] - middle))
+
+    def force(hertz: float) -> complex:
+        s = 2j * np.pi * hertz
+        Z = skin.mass * s + skin.b + skin.k / s
+        return complex(Z / (Z + per_v))
+
+    return abs(force(frequency) / force(5.0))
+
+
 def stages(found: Curves) -> Iterator[str]:
     """Return by how much each stage of mode texture falls off from 5 Hz on."""
     first, rows = FREQUENCIES.index(5), []
@@ -249,9 +275,12 @@ def stages(found: Curves) -> Iterator[str]:
         for at in map(FREQUENCIES.index, (100, 200, 400)):
             ones = found[what, SWINGS[1]]
             falls = [np.divide(one[at].stages, one[first].stages) for one in ones]
-            cells = (f"{value:.2f}" for value in np.median(falls, axis=0))
+            slips = [slip(*each, FREQUENCIES[at]) for each in product(LEVELS, SPEEDS)]
+            medians = (*np.median(falls, axis=0), np.median(slips))
+            cells = (f"{value:.2f}" for value in medians)
             rows.append((*name(what), str(FREQUENCIES[at]), *cells))
-    return columns("Law|Dead time, us|Hz|reference to W_ref|to amplitude|to COF", rows)
+    head = "Law|Dead time, us|Hz|reference to W_ref|to amplitude|to COF|slip of the skin, computed"
+    return columns(head, rows)
 
 
 PERIODS: Final = (4.0, 2.0, 1.0, 0.5)
@@ -372,11 +401,31 @@ def picture(found: Curves) -> None:
         save(figure, EXPLANATION / "figures" / "bandwidth.png")
 
 
+def felt_picture(seed: int) -> None:
+    """Draw the errors of the friction laws in JND: median, and up to the 95th percentile."""
+    laws = [what for what in CONDITIONS if what.mode is Mode.FRICTION and what.dead_time]
+    with canvas(7.2, 2.6) as figure:
+        panels = figure.subplots(1, 3, sharey=True)
+        for axes, at, error in zip(panels, range(3), ("static", "step", "chatter"), strict=True):
+            for row, what in enumerate(laws):
+                found = in_jnd(what.law, what.vibration_law, what.dead_time, seed)[:, at]
+                middle, most = np.nanquantile(found, (0.5, 0.95), method="inverted_cdf")
+                axes.plot([0.0, most], [row, row], color=INK, lw=1.0)
+                axes.plot(middle, row, "o", color=RED)
+            axes.axvline(1.0, color=INK, lw=0.8, ls=":")
+            axes.set(xlabel=f"{error} (JND)", xlim=(0, 4))
+        panels[0].set_yticks(range(len(laws)), [what.name.replace("`", "") for what in laws])
+        panels[0].invert_yaxis()
+        figure.suptitle("Errors of 200 fingers with 540 us: median, and up to 95 % (simulated)")
+        save(figure, EXPLANATION / "figures" / "jnd.png")
+
+
 def pages(draw: bool, seed: int) -> Pages:
-    """Return the page, and draw its picture."""
+    """Return the page, and draw its pictures."""
     found = curves(seed)
     if draw:
         picture(found)
+        felt_picture(seed)
     fields = {
         "edges": edges(found),
         "answers": answers(found),

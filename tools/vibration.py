@@ -115,16 +115,22 @@ class Rig:
         wrong: tuple[float, float, float] = (1.0, 1.0, 0.0),
         softening: float = 0.0,
         window: float = 0.0,
+        lag: float = 0.0,
+        beside: tuple[float, float] = (0.0, 600.0),
         identify: bool = False,
     ) -> None:
         gain, tau, off = wrong
+        share, offset = beside
         true = ResonatorParameters(
             gain=50e-9 * gain,
             tau=PlateModel().tau * tau,
             f0=43_390.0 + off,
             softening=softening,
+            neighbour_share=share,
+            neighbour_offset=offset,
         )
-        parameters = PlateParameters(resonator=true, sensors=SensorParameters(pickup_window=window))
+        sensors = SensorParameters(pickup_window=window, pickup_lag=lag)
+        parameters = PlateParameters(resonator=true, sensors=sensors)
         self.plate = WatchedPlate(
             parameters, SUBJECTS[subject], Press(Fn), seed=seed, dead_time=dead_time
         )
@@ -297,6 +303,29 @@ def plates_table(drawn: int) -> Iterator[str]:
     return columns("law|model|dead time|window|told|0 Hz/um|100 Hz/um|150 Hz/um", rows)
 
 
+def pickup_table() -> Iterator[str]:
+    """Laws behind a pick-up that sees a mode beside this one, or has a filter; 540 us."""
+    pickups: list[tuple[str, dict[str, Any]]] = [
+        (f"{share:.0%} at {offset:+.0f} Hz", {"beside": (share, offset)})
+        for share, offset in product((0.1, 0.3), (-900.0, -300.0, 300.0, 900.0))
+    ]
+    for lag in (150e-6, 300e-6):
+        for told in (BUS, BUS + lag):
+            text = f"filter {1e6 * lag:.0f} us, {1e6 * told:.0f} told"
+            pickups.append((text, {"lag": lag, "told": told}))
+    rows = []
+    for text, pickup in pickups:
+        row = [text]
+        for law, Fn in product(VibrationLaw, (0.0, 0.5)):
+            rig = Rig(law, BUS, Fn=Fn, **pickup)
+            W = rig.run(80, STEP, Mode.AMPLITUDE_RESONANCE)
+            over = 100.0 * max(0.0, rig.plate.peak / STEP - 1.0)
+            row.append(f"{over:.0f}; {100.0 * (W[-20:].mean() / STEP - 1.0):+.1f}")
+        rows.append(row)
+    names = (f"{law.name.lower()}, {Fn:g} N" for law, Fn in product(VibrationLaw, (0.0, 0.5)))
+    return columns("pick-up|" + "|".join(names), rows)
+
+
 def small_table() -> Iterator[str]:
     """Small and large amplitudes, and what the noise of the pick-up does."""
     rows = []
@@ -393,6 +422,7 @@ def pages(draw: bool, seed: int) -> Pages:
         "softening": softening_table(),
         "wrong": wrong_table(seed),
         "plates": plates_table(seed),
+        "pickup": pickup_table(),
         "small": small_table(),
         "cost": cost_table(),
     }

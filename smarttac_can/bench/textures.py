@@ -39,7 +39,7 @@ NM_PER_MM: Final = 1e6
 US_PER_S: Final = 1e6
 MOST_MM: Final = MAX_START / NM_PER_MM
 """Largest distance of a position from the middle of the plate in mm."""
-FOLLOWED_HZ: Final = 115.0
+FOLLOWED_HZ: Final = 100.0
 """Highest frequency in Hz at which a finger feels 0.7 of the swing of a texture or more, with the
 dead time of a bus and the vibration law ``pi``: docs/reference/bandwidth.md."""
 _MOST_STEP_MM: Final = MAX_STEP / NM_PER_MM

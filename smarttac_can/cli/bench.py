@@ -424,7 +424,9 @@ def selftest(*, at: StimulatorChoice, lockstep: bool, json_file: Path | None) ->
     with reporting(json_file) as write_results, ExitStack() as stack:
         stimulator = stack.enter_context(at.connect(lockstep=lockstep))
         serial = round(stimulator.get("Calibration.Plate serial number"))
+        touched = bool(round(stimulator.get("Statusword")) & Status.TOUCHING)
         checks = judge(stimulator, lambda check: click.echo(_check_line(check), err=True))
+        touched |= bool(round(stimulator.get("Statusword")) & Status.TOUCHING)
         failed = [check for check in checks if not check.passed]
         results = {
             "version": __version__,
@@ -434,6 +436,8 @@ def selftest(*, at: StimulatorChoice, lockstep: bool, json_file: Path | None) ->
             "checks": [check.as_json() for check in checks],
         }
         write_results(results, [_verdict(checks, failed)])
+        if failed and touched:
+            click.echo("a finger touches the plate: lift it, and repeat", err=True)
     if failed:
         raise click.exceptions.Exit(1)
 

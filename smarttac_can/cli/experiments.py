@@ -397,8 +397,9 @@ def campaign(
 def _warn_if_slow() -> None:
     if not can_compile():
         click.echo(
-            "numba is not installed, or this is a build by mypyc: it takes some 30 times as long, "
-            "and more workers do not help: pip install 'smarttac-can[campaign]'",
+            "numba is not installed, or the package was compiled by mypyc, for which there is no "
+            "numba: it takes some 30 times as long, and more workers do not help: "
+            "pip install 'smarttac-can[campaign]'",
             err=True,
         )
 

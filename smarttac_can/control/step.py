@@ -29,7 +29,7 @@ from collections.abc import Sequence
 from math import isfinite, sqrt
 from typing import Final, NamedTuple
 
-from smarttac_can.control.design import Gains, designed, row_of
+from smarttac_can.control.design import Gains, designed, dominant_pole, row_of
 from smarttac_can.control.friction import (
     asked_amplitude,
     is_right,
@@ -89,6 +89,7 @@ from smarttac_can.control.vibration import (
 )
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.signals import (
+    TICK,
     Contact,
     ContactFields,
     Drive,
@@ -263,7 +264,7 @@ def control_plan(
         slope=p.slope,
         step_max=p.step_max,
         half=0.5 * p.hysteresis,
-        ahead=p.dead_time + p.preview,
+        ahead=p.dead_time + p.preview + _slower(p, model),
         vibration_law=int(p.vibration_law),
         bare=bare,
         rows=rows,
@@ -277,6 +278,14 @@ def control_plan(
         zero=zero,
         texture=texture,
     )
+
+
+def _slower(p: CascadeParameters, model: PlateModel) -> float:
+    """Return by how much in s a dead time slows the dominant pole of the amplitude loop."""
+    if p.vibration_law is VibrationLaw.PREDICTIVE:
+        return 0.0
+    pole = dominant_pole(model.tau, p.amplitude_pole, p.dead_time)
+    return TICK * (pole / (1.0 - pole) - p.amplitude_pole / (1.0 - p.amplitude_pole))
 
 
 def at_rest(plan: ControlPlan) -> ControlState:

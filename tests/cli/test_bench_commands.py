@@ -362,6 +362,17 @@ def test_a_sound_plate_and_a_broken_one(multicast: dict[str, Any], tmp_path: Pat
     assert 90 < bad[0]["value"] < 110
 
 
+def test_a_finger_on_the_plate_is_named(multicast: dict[str, Any]) -> None:
+    with processes(multicast, "node --lockstep"):
+        with Stimulator.connect(**multicast, lockstep=True) as bench:
+            bench.run(0.2)
+            bench.tare()
+            bench.run(0.5)
+        touched = selftest(multicast, "--lockstep")
+    assert touched.returncode == 1
+    assert touched.stderr.splitlines()[-1] == "a finger touches the plate: lift it, and repeat"
+
+
 # ``smarttac calibrate`` as a command, on a simulated plate that is pressed and pulled as told.
 
 
