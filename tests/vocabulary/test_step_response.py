@@ -3,8 +3,10 @@
 import math
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from smarttac_can.vocabulary.step_response import step_response
+from smarttac_can.vocabulary.step_response import _unbiased, step_response
 
 W, OFFSET, NOISE, TICK = 2e-6, 1e-8, 1e-9, 1e-3
 
@@ -37,3 +39,12 @@ def test_where_nothing_is_left_after_two_ticks_the_delay_is_unknown() -> None:
     response = step_response([off, on, off], 0.0, NOISE)
     assert (response.A, response.W) == (0.5, 64.0)
     assert (response.delay, response.unsure) == (2e-3, math.inf)
+
+
+@given(a=st.floats(0.05, 0.85), square=st.floats(1e-14, 1e-9), noise=st.floats(0.0, 1.0))
+@settings(max_examples=50)
+def test_noise_in_both_samples_does_not_shorten_the_decay(
+    a: float, square: float, noise: float
+) -> None:
+    both = noise * square
+    assert _unbiased(a * square + 0j, square + both, a * a * square + both) == pytest.approx(a)
