@@ -1,10 +1,10 @@
 """Every parameter has a range; at its ends the controllers run, and beyond them it is refused."""
 
 import dataclasses
-import math
 
 import pytest
 from first_order_plate import FirstOrderPlate, gauges, setpoint
+from stated_bounds import bounds_of
 
 from smarttac_can.control.cascade import Cascade
 from smarttac_can.control.parameters import CascadeParameters
@@ -17,13 +17,6 @@ NUMBERS = [
     if isinstance(getattr(DEFAULT, item.name), float)
 ]
 PLACES = range(4)
-
-
-def bounds_of(name, make):
-    """The bounds of a number, as its refusal states them."""
-    with pytest.raises(ValueError, match=rf"^{name} nan is outside ") as refusal:
-        make(math.nan)
-    return [float(bound) for bound in str(refusal.value).rsplit(" ", 1)[1].split("..")]
 
 
 def runs(parameters):

@@ -23,14 +23,6 @@ def test_agrees_with_the_differential_equation():
         assert rate == pytest.approx(y[1], abs=1e-6)
 
 
-def test_settles_at_the_force():
-    path, rate = 0.0, 0.0
-    phi = propagator(1e-3, 100.0, 0.7)
-    for _ in range(100):
-        path, rate = follow(phi, path, rate, 0.3)
-    assert path == pytest.approx(0.3, rel=1e-9)
-
-
 def test_two_half_steps_are_one():
     one, _ = follow(propagator(1e-3, 100.0, 0.7), 0.0, 0.0, 0.3)
     half = propagator(0.5e-3, 100.0, 0.7)

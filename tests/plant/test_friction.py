@@ -20,7 +20,6 @@ from smarttac_can.plant.subjects import SUBJECTS
 from smarttac_can.population.fingers import Case, draw_finger
 
 F0 = 43390.0
-TABLE_I = list(zip(SUBJECTS, [(0.2, 0.3), (0.3, 0.4), (0.4, 0.5), (0.5, 0.6)], strict=False))
 subjects = st.sampled_from(
     [*SUBJECTS, *(draw_finger(3, number, Case()).subject for number in range(20))]
 )
@@ -82,14 +81,6 @@ def test_stribeck_falls_from_its_ratio_to_one():
     assert stribeck(subject, 0.0) == subject.stribeck
     assert stribeck(subject, subject.stribeck_speed) == pytest.approx((1 + subject.stribeck) / 2)
     assert stribeck(subject, 1e3) == pytest.approx(1.0)
-
-
-@pytest.mark.parametrize(("subject", "references"), TABLE_I, ids=lambda x: getattr(x, "name", None))
-def test_presets_lie_in_the_papers_ranges_and_reach_its_references(subject, references):
-    low, high = references
-    check_reach(subject, low, high)
-    for Fn in (0.4, 0.5, 0.6):
-        assert high < coefficient(subject, 0.0, Fn=Fn) < high + 0.1
 
 
 def test_out_of_reach_is_refused():

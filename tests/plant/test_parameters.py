@@ -2,6 +2,7 @@ import dataclasses
 import math
 
 import pytest
+from stated_bounds import bounds_of
 
 from smarttac_can.plant.finger import Stroke
 from smarttac_can.plant.parameters import (
@@ -60,17 +61,10 @@ GROUPS = {
 NUMBERS = [(group, name) for group, made in GROUPS.items() for name in numbers_of(made)]
 
 
-def bounds_of(made, name):
-    """The bounds of a number, as its refusal states them."""
-    with pytest.raises(ValueError, match=rf"^{name} nan is outside ") as refusal:
-        dataclasses.replace(made, **{name: math.nan})
-    return [float(bound) for bound in str(refusal.value).rsplit(" ", 1)[1].split("..")]
-
-
 @pytest.mark.parametrize(("group", "name"), NUMBERS)
 def test_a_plate_at_either_bound_of_a_number_moves_and_one_beyond_it_is_refused(group, name):
     made = GROUPS[group]
-    low, high = bounds_of(made, name)
+    low, high = bounds_of(name, lambda value: dataclasses.replace(made, **{name: value}))
     assert low <= getattr(made, name) <= high
     for bound, outward in ((low, -1.0), (high, 1.0)):
         # As it is stated a bound is rounded to six digits.

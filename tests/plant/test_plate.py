@@ -1,12 +1,9 @@
-import dataclasses
 import math
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from smarttac_can.plant import motion
 from smarttac_can.plant.finger import Lifted, Stroke, Trajectory
 from smarttac_can.plant.friction import sliding_coefficient
 from smarttac_can.plant.parameters import PlateParameters, SensorParameters
@@ -90,13 +87,6 @@ def test_vibration_settles_at_gain_times_voltage():
     assert abs(plate.W) < 1e-14
 
 
-def test_time_constant_is_that_of_the_resonator():
-    plate = make()
-    run(plate, [ON])
-    rest = 1 - abs(plate.W) / (40 * PARAMETERS.resonator.gain)
-    assert rest == pytest.approx(math.exp(-1e-3 / PARAMETERS.resonator.tau), rel=2e-3)
-
-
 @pytest.mark.parametrize("detuning", [-4000.0, 300.0, 4000.0])
 def test_a_plate_that_is_let_go_decays_alike_whatever_frequency_it_is_told(detuning):
     """W is seen from the frame of the drive: to change the frame alone moves nothing."""
@@ -126,7 +116,7 @@ def test_dead_time_splits_the_tick_between_old_and_new(dead_time):
     expected = 40 * gain * (1 - math.exp(-dead_time / tau)) * math.exp((dead_time - 1e-3) / tau)
     # The terms of second order ripple at twice the drive frequency: V N/(m (2w)^2) and less.
     ripple = 40 * gain / (2 * math.pi * 43390.0 * tau)
-    assert abs(plate.W) == pytest.approx(expected, abs=ripple)
+    assert abs(plate.W) == pytest.approx(expected, abs=0.3 * ripple)
 
 
 def test_dead_time_0_ignores_the_old_drive_and_1_ms_the_new():
@@ -227,49 +217,6 @@ def test_friction_follows_the_direction_of_the_finger():
         if plate.Fn > 0.1 and abs(plate.position - x) > 4e-5:
             signs.add(math.copysign(1.0, plate.Ft) == math.copysign(1.0, plate.position - x))
     assert signs == {True}
-
-
-def test_substeps_are_enough(monkeypatch):
-    """While the finger slides, the lateral force is within a fiftieth of the gauges' noise.
-
-    The vibration steps by a third every 20 ms; the reference takes 64 sub-steps.
-    """
-
-    def lateral(substeps, of_swing):
-        monkeypatch.setattr(motion, "SUBSTEPS", substeps)
-        monkeypatch.setattr(motion, "SUBSTEPS_OF_SWING", of_swing)
-        exact = dataclasses.replace(
-            PARAMETERS.sensors, null=0.0, gauge_noise=0.0, drift=0.0, gauge_resolution=1e-7,
-            full_scale=10**9,
-        )  # fmt: skip
-        plate = Plate(PlateParameters(sensors=exact), SUBJECTS[2], Stroke(seed=3))
-        reports = run(plate, alternating(700))
-        return np.array([r.gauges[0] for r in reports[420:]])
-
-    steps = motion.SUBSTEPS, motion.SUBSTEPS_OF_SWING
-    reference = lateral(64, 64)
-    chosen = np.max(np.abs(lateral(*steps) - reference))
-    coarse = np.max(np.abs(lateral(1, 1) - reference))
-    assert max(steps) <= 16
-    assert chosen < 0.02 * PARAMETERS.sensors.gauge_noise
-    assert coarse > 10 * chosen
-
-
-def test_only_a_skin_that_swings_takes_the_short_steps(monkeypatch):
-    """The skin slides with the bone at 20 mm/s, and swings when the vibration stops."""
-
-    def lateral(of_swing):
-        monkeypatch.setattr(motion, "SUBSTEPS_OF_SWING", of_swing)
-        plate = make(Trajectory([(0.0, -0.02, 0.5), (2.0, 0.02, 0.5)]))
-        forces = []
-        for drive in [ON] * 300 + [OFF] * 10:
-            plate.step(drive, drive)
-            forces.append(plate.Ft)
-        return forces
-
-    chosen, shorter = lateral(motion.SUBSTEPS_OF_SWING), lateral(64)
-    assert chosen[100:300] == shorter[100:300]
-    assert chosen[300:] != shorter[300:]
 
 
 def test_occlusion_raises_friction_over_seconds():

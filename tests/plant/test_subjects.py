@@ -5,13 +5,15 @@ from pathlib import Path
 
 import pytest
 
+from smarttac_can.paper.references import REFERENCES
 from smarttac_can.plant.fitted import FITTED
 from smarttac_can.plant.friction import check_reach, sliding_coefficient
 from smarttac_can.plant.subjects import SUBJECTS
 
+F0 = 43390.0
 PAGE = Path(__file__).parents[2] / "docs/explanation/plant.md"
-
-REFERENCES = [(0.2, 0.3), (0.3, 0.4), (0.4, 0.5), (0.5, 0.6)]
+# With their force in N and speed in m/s.
+PRESETS = [(subject, 0.5, 0.06) for subject in SUBJECTS[:4]]
 
 
 def row(title, fingers):
@@ -39,7 +41,7 @@ def test_the_reduction_of_the_presets():
     rows = row("mu1/mu0 at 0.5, 1, 1.5, 2 um, %", 5)
     for subject, shown in zip(SUBJECTS, rows, strict=True):
         bare, *vibrated = (
-            sliding_coefficient(subject, W * 1e-6, 0.06, 0.5, 0.0, f0=43390.0)
+            sliding_coefficient(subject, W * 1e-6, 0.06, 0.5, 0.0, f0=F0)
             for W in (0.0, 0.5, 1.0, 1.5, 2.0)
         )
         assert [100.0 * mu / bare for mu in vibrated] == pytest.approx(shown, abs=0.51)
@@ -56,15 +58,24 @@ def test_the_fitted_fingers():
         assert row(title, 4) == [pytest.approx(number) for number in numbers], title
 
 
-@pytest.mark.parametrize(("number", "finger"), list(enumerate(FITTED)))
-def test_a_fitted_finger_has_the_friction_of_its_subject(number, finger):
+@pytest.mark.parametrize(
+    ("finger", "references"),
+    [*zip(PRESETS, REFERENCES, strict=True), *zip(FITTED, REFERENCES, strict=True)],
+    ids=lambda of: getattr(of[0], "name", None),
+)
+def test_a_finger_has_the_friction_of_its_subject_and_reaches_its_references(finger, references):
+    """Wherever a stroke goes."""
     subject, force, speed = finger
-    bare = sliding_coefficient(subject, 0.0, speed, force, 0.0, f0=43390.0)
-    assert 0.3 + 0.1 * number <= bare <= 0.4 + 0.1 * number
-    around = 0.8, 1.2
+    low, high = references
+    for share in (0.8, 1.0, 1.2):
+        assert (
+            high < sliding_coefficient(subject, 0.0, speed, share * force, 0.0, f0=F0) < high + 0.1
+        )
+    around = (0.8, 1.2)
     check_reach(
         subject,
-        *REFERENCES[number],
+        low,
+        high,
         forces=tuple(share * force for share in around),
         speeds=tuple(share * speed for share in around),
     )

@@ -1,3 +1,5 @@
+"""Within a tick: the film over the skin, the ripple of the mode, and sub-steps enough."""
+
 import itertools
 import math
 
@@ -7,13 +9,13 @@ import pytest
 from smarttac_can.plant import motion
 from smarttac_can.plant.finger import Stroke, Trajectory
 from smarttac_can.plant.motion import film, film_share, shape_at
-from smarttac_can.plant.parameters import ContactParameters, PlateParameters
+from smarttac_can.plant.parameters import ContactParameters, PlateParameters, SensorParameters
 from smarttac_can.plant.plate import Plate
 from smarttac_can.plant.subjects import SUBJECTS
 from smarttac_can.vocabulary.signals import Drive
 
-ON = Drive(60.0, 43390.0)
-PRESSED = Trajectory([(0.0, 0.0, 0.5), (60.0, 0.0, 0.5)])
+OFF, ON = Drive(0.0, 43390.0), Drive(60.0, 43390.0)
+SLIDE = Trajectory([(0.0, -0.03, 0.5), (1.0, 0.03, 0.5)])
 
 
 def make(finger, **contact):
@@ -40,15 +42,6 @@ def test_the_shape_is_that_of_the_place():
     assert film(1e-6, 0.0, 1.1 * 2e-6, 0.0, film_share(1e-3, 0.0)) == pytest.approx(2.2e-6)
 
 
-def test_the_ripple_is_that_of_a_contact_of_7_to_9_mm_over_nodes_8_mm_apart():
-    x = np.linspace(-4e-3, 4e-3, 161)
-    for width, low, high in ((7e-3, 0.08, 0.11), (9e-3, 0.06, 0.09)):
-        under = np.linspace(-width / 2, width / 2, 401)
-        mean = np.abs(np.cos(np.pi * (x[:, None] + under) / 8e-3)).mean(axis=1)
-        ripple = (mean.max() - mean.min()) / (mean.max() + mean.min())
-        assert low < ripple < high
-
-
 def test_off_by_default_to_the_bit():
     plain = Plate(PlateParameters(), SUBJECTS[1], Stroke())
     other = make(Stroke(), node_distance=5e-3)
@@ -68,12 +61,11 @@ def friction(plate, ticks):
 
 
 def test_friction_falls_later_behind_a_film_and_ends_the_same():
-    slide = Trajectory([(0.0, -0.03, 0.5), (1.0, 0.03, 0.5)])
     drops = []
     for lag in (0.0, 2e-3, 10e-3):
-        plate = make(slide, film_lag=lag)
+        plate = make(SLIDE, film_lag=lag)
         for _ in range(200):
-            plate.step(Drive(0.0, 43390.0), Drive(0.0, 43390.0))
+            plate.step(OFF, OFF)
         mu = friction(plate, 120)
         drops.append((int(np.argmax(mu < 0.5 * (mu[0] + mu[-1]))), mu[-1]))
     assert drops[0][0] < drops[1][0] < drops[2][0]
@@ -85,9 +77,9 @@ def test_substeps_behind_a_film_are_enough(monkeypatch):
 
     def cof(substeps):
         monkeypatch.setattr(motion, "SUBSTEPS_OF_ENVELOPE", substeps)
-        plate = make(Trajectory([(0.0, -0.03, 0.5), (1.0, 0.03, 0.5)]), film_lag=2e-3)
+        plate = make(SLIDE, film_lag=2e-3)
         for _ in range(200):
-            plate.step(Drive(0.0, 43390.0), Drive(0.0, 43390.0))
+            plate.step(OFF, OFF)
         return friction(plate, 60)
 
     chosen, reference, coarse = cof(motion.SUBSTEPS_OF_ENVELOPE), cof(64), cof(1)
@@ -120,3 +112,49 @@ def test_the_load_on_the_mode_is_that_of_the_place(x, more):
         for _ in range(40):
             plate.step(ON, ON)
     assert (abs(shaped.W) < abs(even.W)) == more
+
+
+def test_substeps_are_enough(monkeypatch):
+    """While the finger slides, the lateral force is within a fiftieth of the gauges' noise.
+
+    The vibration steps by a third every 20 ms; the reference takes 64 sub-steps.
+    """
+
+    def lateral(substeps, of_swing):
+        monkeypatch.setattr(motion, "SUBSTEPS", substeps)
+        monkeypatch.setattr(motion, "SUBSTEPS_OF_SWING", of_swing)
+        exact = SensorParameters(
+            null=0.0, gauge_noise=0.0, drift=0.0, gauge_resolution=1e-7, full_scale=10**9
+        )
+        plate = Plate(PlateParameters(sensors=exact), SUBJECTS[2], Stroke(seed=3))
+        forces = []
+        for tick in range(700):
+            forces.append(plate.sample().gauges[0])
+            drive = Drive(30.0 + 20.0 * (tick // 20 % 2), 43390.0)
+            plate.step(drive, drive)
+        return np.array(forces[420:])
+
+    steps = motion.SUBSTEPS, motion.SUBSTEPS_OF_SWING
+    reference = lateral(64, 64)
+    chosen = np.max(np.abs(lateral(*steps) - reference))
+    coarse = np.max(np.abs(lateral(1, 1) - reference))
+    assert max(steps) <= 16
+    assert chosen < 0.02 * SensorParameters().gauge_noise
+    assert coarse > 10 * chosen
+
+
+def test_only_a_skin_that_swings_takes_the_short_steps(monkeypatch):
+    """The skin slides with the bone at 20 mm/s, and swings when the vibration stops."""
+
+    def lateral(of_swing):
+        monkeypatch.setattr(motion, "SUBSTEPS_OF_SWING", of_swing)
+        plate = make(Trajectory([(0.0, -0.02, 0.5), (2.0, 0.02, 0.5)]))
+        forces = []
+        for drive in [ON] * 300 + [OFF] * 10:
+            plate.step(drive, drive)
+            forces.append(plate.Ft)
+        return forces
+
+    chosen, shorter = lateral(motion.SUBSTEPS_OF_SWING), lateral(64)
+    assert chosen[100:300] == shorter[100:300]
+    assert chosen[300:] != shorter[300:]
