@@ -8,7 +8,9 @@ from smarttac_can.control.cascade import Cascade
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.signals import TICK, Drive, Measurement, Setpoint
+from smarttac_can.vocabulary.textures import Axis, TextureTable
 
+GRATING = TextureTable(Axis.POSITION, True, 0, 1_000_000, (3000, 4000))
 GAUGE_X = (-28e-3, 28e-3, -28e-3, 28e-3)
 
 

@@ -35,6 +35,9 @@ def impulse_response(model, dead_time):
 
 @given(tau=st.floats(0.3e-3, 3e-3), dead_time=st.floats(0.0, 0.999e-3), pole=st.floats(0.02, 0.95))
 @settings(max_examples=60)
+@example(tau=1e-3, dead_time=0.0, pole=0.0)
+@example(tau=1e-3, dead_time=0.0, pole=0.2)
+@example(tau=1e-3, dead_time=1e-12, pole=0.2)
 def test_closed_loop_has_the_pole_asked_for_or_the_fastest_possible(tau, dead_time, pole):
     model = PlateModel(gain=30e-9, tau=tau)
     a, b0, b1 = impulse_response(model, dead_time)
@@ -46,20 +49,7 @@ def test_closed_loop_has_the_pole_asked_for_or_the_fastest_possible(tau, dead_ti
     assert max(abs(roots)) == pytest.approx(reached, abs=1e-6)
     assert np.allclose(roots.imag, 0.0, atol=1e-6)
     assert reached >= pole
-
-
-def test_without_dead_time_every_pole_is_reached():
-    model = PlateModel()
-    a = math.exp(-TICK / model.tau)
-    pi = amplitude_pi(model, 0.2)
-    assert pi.Kp == pytest.approx(0.8 / (model.gain * (1.0 - a)))
-    assert dominant_pole(model.tau, 0.0, 0.0) == 0.0
-    assert amplitude_pi(model, 0.0).Kp == pytest.approx(1.0 / (model.gain * (1.0 - a)))
-
-
-def test_dead_time_is_continuous_at_zero():
-    model = PlateModel()
-    assert amplitude_pi(model, 0.2, 1e-12).Kp == pytest.approx(amplitude_pi(model, 0.2).Kp)
+    assert reached == pole or dead_time > 0.0, "without dead time every pole is reached"
 
 
 def test_dead_time_of_almost_a_tick_allows_a_double_pole_of_one_half():
@@ -100,6 +90,11 @@ def under(model, Fn):
     return PlateModel(model.gain * tau / model.tau, tau, model.f0)
 
 
+def test_a_heavy_finger_on_any_plate_has_a_design():
+    _, rows = designed(PlateModel(gain=1e-9, tau=2e-4, load=5.0), 0.2, 0.3, 999e-6)
+    assert math.isfinite(rows[row_of(3.0, len(rows))].amplitude)
+
+
 def test_the_table_of_forces_ends_at_3_N():
     _, rows = designed(PlateModel(), 0.2, 0.3, 0.0)
     assert row_of(3.0, len(rows)) == row_of(1e9, len(rows)) == len(rows) - 1
@@ -129,16 +124,3 @@ def test_pole_out_of_range(pole):
 def test_dead_time_out_of_range(dead_time):
     with pytest.raises(ValueError, match=r"^dead_time .* is outside 0\.\.0\.001, the end excl"):
         resonance_pi(PlateModel(), 0.3, dead_time)
-
-
-@pytest.mark.parametrize(
-    "wrong", [{"gain": 0.0}, {"gain": -50e-9}, {"tau": 0.0}, {"f0": math.inf}, {"tau": math.nan}]
-)
-def test_model_out_of_range(wrong):
-    (name,) = wrong
-    with pytest.raises(ValueError, match=rf"^{name} .* is outside "):
-        PlateModel(**wrong)
-
-
-def test_quality():
-    assert PlateModel(50e-9, 0.944e-3, 43390.0).quality == pytest.approx(128.7, abs=0.05)
