@@ -74,7 +74,10 @@ def test_forces_and_position_come_back(Fx, Fy, Fn, x):
     assert contact.touching
 
 
-@pytest.mark.parametrize("crosstalk", [((1.0, 1.0), (1.0, 1.0)), ((math.nan, 0.0), (0.0, 1.0))])
+@pytest.mark.parametrize(
+    "crosstalk",
+    [((1.0, 1.0), (1.0, 1.0)), ((math.nan, 0.0), (0.0, 1.0)), ((0.099, 0.0), (0.0, 1.0))],
+)
 def test_loads_that_cannot_be_told_apart(crosstalk):
     with pytest.raises(ValueError, match=r"^crosstalk determinant .* is inside -0\.1\.\.0\.1$"):
         calibration(crosstalk)
@@ -82,8 +85,6 @@ def test_loads_that_cannot_be_told_apart(crosstalk):
 
 def test_loads_of_a_tenth_are_told_apart():
     assert calibration(((0.1, 0.0), (0.0, 1.0))) == ((10.0, 0.0), (0.0, 1.0))
-    with pytest.raises(ValueError, match=r"^crosstalk determinant 0\.099 "):
-        calibration(((0.099, 0.0), (0.0, 1.0)))
 
 
 def test_uncertainty_is_the_spread_of_the_measured_cof():
@@ -101,7 +102,7 @@ def test_uncertainty_is_the_spread_of_the_measured_cof():
 def test_cof_is_masked_below_the_contact_force_with_hysteresis():
     instrument = tribometer(contact_force=0.1)
     touching = []
-    for Fn in (0.0, 0.09, 0.11, 0.09, 0.071, 0.069, 0.09, 0.11):
+    for Fn in (-0.5, 0.09, 0.11, 0.09, 0.071, 0.069, 0.09, 0.11):
         contact = instrument.update(gauges(Fx=0.05, Fn=Fn))
         touching.append(contact.touching)
         if not contact.touching:
@@ -124,10 +125,6 @@ def test_position_is_held_until_the_next_touch():
     touch = instrument.update(gauges(Fn=0.5, x=-4e-3))
     assert touch.position == pytest.approx(-4e-3)
     assert touch.speed == 0.0
-
-
-def test_negative_normal_force_is_no_contact():
-    assert not tribometer().update(gauges(Fx=1.0, Fn=-0.5)).touching
 
 
 def test_tare_needs_64_samples():
