@@ -2,7 +2,7 @@ import math
 import random
 import statistics
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, product
 
 import pytest
 from first_order_plate import (
@@ -82,20 +82,20 @@ def test_no_drive_leaves_the_limits_whatever_comes_in(law, ticks):
         assert all(math.isfinite(value) for value in published)
 
 
-@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e200])
-@pytest.mark.parametrize("where", range(8))
 @pytest.mark.parametrize("mode", [Mode.OPEN_LOOP, *REGULATING, Mode.IDENTIFY])
 @pytest.mark.parametrize("law", LAWS)
-def test_a_bad_measurement_turns_the_drive_off(law, mode, where, bad):
+def test_any_bad_number_of_a_measurement_turns_the_drive_off(law, mode):
     cascade, plate = cascade_with_texture(CascadeParameters(vibration_law=law)), FirstOrderPlate()
-    cascade.set_mode(mode)
-    run(cascade, plate, setpoint(voltage=20.0), 10)
-    numbers = [1e-6, 0.0, *gauges(Fn=0.5)]
-    numbers[where] = bad
-    measurement = Measurement(complex(*numbers[:2]), tuple(numbers[2:]), 20.0, 0)
-    assert cascade.update(measurement, setpoint(voltage=20.0)).voltage == 0.0
-    assert cascade.mode is Mode.OFF
-    assert cascade.reason.endswith("measurement is not finite")
+    for where, bad in product(range(8), (math.nan, math.inf, -math.inf, 1e200)):
+        cascade.set_mode(mode)
+        run(cascade, plate, setpoint(voltage=20.0), 3)
+        assert cascade.mode is mode
+        numbers = [1e-6, 0.0, *gauges(Fn=0.5)]
+        numbers[where] = bad
+        measurement = Measurement(complex(*numbers[:2]), tuple(numbers[2:]), 20.0, 0)
+        assert cascade.update(measurement, setpoint(voltage=20.0)).voltage == 0.0
+        assert cascade.mode is Mode.OFF
+        assert cascade.reason.endswith("measurement is not finite")
 
 
 @pytest.mark.parametrize("where", range(6))

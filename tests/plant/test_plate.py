@@ -145,29 +145,27 @@ def test_any_dead_time_with_equal_drives_is_none(dead_time, old, new, detuning):
 
 
 @pytest.mark.parametrize(
-    "drive",
-    [Drive(-1.0, 43390.0), Drive(math.nan, 43390.0), Drive(1.0, math.inf), Drive(2e3, 43390.0)],
+    "wrong",
+    [
+        *(Drive(voltage, 43390.0) for voltage in (-1.0, 1001.0, math.nan)),
+        *(Drive(1.0, frequency) for frequency in (-1.0, 1e6 + 1.0, math.inf)),
+    ],
 )
-def test_refuses_a_drive_and_stays_as_it_was(drive):
+def test_refuses_a_drive_and_stays_as_it_was(wrong):
     plate = make(Stroke())
     before = plate.sample()
-    with pytest.raises(ValueError, match=r"^drive .* is outside 0\.\.1000 V"):
-        plate.step(OFF, drive)
+    for drives in ((wrong, OFF), (OFF, wrong), (wrong, wrong)):
+        with pytest.raises(ValueError, match=r"^drive .* is outside 0\.\.1000 V"):
+            plate.step(*drives)
     assert plate.tick == 0
     assert plate.sample() == before
 
 
-@pytest.mark.parametrize(("voltage", "frequency"), [(0.0, 0.0), (1000.0, 1e6)])
-def test_takes_any_drive_up_to_its_limits_and_none_beyond(voltage, frequency):
+def test_takes_any_drive_up_to_its_limits():
     plate = make()
-    drive = Drive(voltage, frequency)
-    plate.step(drive, drive)
-    side = 1.0 if voltage else -1.0
-    for wrong in (Drive(voltage + side, frequency), Drive(voltage, frequency + side)):
-        for drives in ((wrong, OFF), (OFF, wrong), (wrong, wrong)):
-            with pytest.raises(ValueError, match="is outside"):
-                plate.step(*drives)
-    assert plate.tick == 1
+    for drive in (Drive(0.0, 0.0), Drive(1000.0, 1e6)):
+        plate.step(drive, drive)
+    assert plate.tick == 2
 
 
 @pytest.mark.parametrize("ambient", [-20.0, 60.0])
