@@ -178,8 +178,8 @@ def test_the_friction_law_feels_what_is_published():
 
 
 def test_without_contact_no_force_loads_the_model():
-    parameters = {"vibration_law": VibrationLaw.PREDICTIVE}
-    cascade, _ = begun(Mode.AMPLITUDE, 20, forces=lambda W: gauges(Fn=0.05), **parameters)
+    law = VibrationLaw.PREDICTIVE
+    cascade, _ = begun(Mode.AMPLITUDE, 20, forces=lambda W: gauges(Fn=0.05), vibration_law=law)
     assert cascade.state.learned.contact == 0.0
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from stated_bounds import bounds_of
+from stated_bounds import made_at_bounds
 
 from smarttac_can.plant.finger import GuidedFinger, Lifted, Stroke, Trajectory
 
@@ -91,16 +91,12 @@ def test_seeds_give_other_passes():
     "name", ["force", "speed", "travel", "force_variation", "speed_variation", "rest", "press"]
 )
 def test_a_stroke_slides_at_either_bound_of_a_number_and_one_beyond_it_is_refused(name):
-    low, high = bounds_of(name, lambda value: Stroke(**{name: value}))
-    for bound, beyond in ((low, low * 0.999 or -1e-9), (high, high * 1.001)):
-        finger = Stroke(**{name: bound})
+    for finger in made_at_bounds(name, lambda value: Stroke(**{name: value})):
         begins = finger.passes(1)[0].start
         for elapsed in (0.0, 0.1, 1.0, 10.0):
             x, Fn = finger.at(begins + elapsed)
             assert abs(x) <= 0.5 * finger.path.travel + 1e-12
             assert 0.0 < Fn < 10.0
-        with pytest.raises(ValueError, match=f"^{name} .* is outside"):
-            Stroke(**{name: beyond})
 
 
 def test_a_trajectory_reaches_to_the_ends_of_the_plate_and_as_far_as_a_force_is_a_fingers():

@@ -2,7 +2,7 @@ import dataclasses
 import math
 
 import pytest
-from stated_bounds import bounds_of
+from stated_bounds import made_at_bounds
 
 from smarttac_can.plant.finger import Stroke
 from smarttac_can.plant.parameters import (
@@ -64,14 +64,8 @@ NUMBERS = [(group, name) for group, made in GROUPS.items() for name in numbers_o
 @pytest.mark.parametrize(("group", "name"), NUMBERS)
 def test_a_plate_at_either_bound_of_a_number_moves_and_one_beyond_it_is_refused(group, name):
     made = GROUPS[group]
-    low, high = bounds_of(name, lambda value: dataclasses.replace(made, **{name: value}))
-    assert low <= getattr(made, name) <= high
-    for bound, outward in ((low, -1.0), (high, 1.0)):
-        # As it is stated a bound is rounded to six digits.
-        margin = 1e-5 * abs(bound)
-        moves(**{group: dataclasses.replace(made, **{name: bound - outward * margin})})
-        with pytest.raises(ValueError, match=rf"^{name} .* is outside"):
-            dataclasses.replace(made, **{name: bound + outward * (margin or 1e-9)})
+    for at_bound in made_at_bounds(name, lambda value: dataclasses.replace(made, **{name: value})):
+        moves(**{group: at_bound})
 
 
 def moves(subject=SUBJECTS[1], **groups):
