@@ -109,8 +109,6 @@ def test_a_dcf_becomes_that_of_another_node() -> None:
         ("2100sub1", "80 MV", "Setpoint.Voltage 80 MV is outside 0..200000 mV$"),
         ("2100sub1", "80 nV", "Voltage 80 nV would become 0: it goes in steps of 10 mV$"),
         ("2100sub1", "-1 nV", "Voltage -1 nV is below 0 mV, its lowest value$"),
-        ("2100sub1", "nan V", "'nan V' is neither a raw integer nor a number with a unit like mV$"),
-        ("2100sub1", "inf V", "'inf V' is neither"),
         ("2100sub1", "80.5", "'80.5' is neither"),
         ("2100sub1", "0xFFFFFF", "0xFFFFFF is outside the raw values 0..20000, 0..200000 mV$"),
         ("1017", "$NODEID+99999", "is outside UNSIGNED16$"),
@@ -119,7 +117,6 @@ def test_a_dcf_becomes_that_of_another_node() -> None:
         ("2100sub1", "1 um", "'1 um' is neither a raw integer nor a number with a unit like mV$"),
         ("1005", "50 %", r"'50 %' is no raw integer, "),
         ("2100sub1", "300 v", "'300 v' is neither a raw .* like mV$"),
-        ("2100sub1", "80 N", "'80 N' is neither a raw .* like mV$"),
         ("2100sub1", "1 volt", "'1 volt' is neither"),
     ],
 )
