@@ -505,6 +505,16 @@ def test_a_delay_that_is_not_the_one_told_is_named(dead_time, window, told, seen
         assert f"the dead time is {told * 1e6:.0f} us" in found.remark
 
 
+@pytest.mark.parametrize("offset", [-600.0, 300.0, 900.0])
+@pytest.mark.parametrize("share", [0.2, 0.3])
+def test_a_plate_with_a_mode_beside_is_refused_and_its_delay_is_not_believed(share, offset):
+    mode = ResonatorParameters(neighbour_share=share, neighbour_offset=offset)
+    beside = Simulated(43250.0, PlateParameters(resonator=mode), dead_time=540e-6)
+    found, _, _ = identify(beside, 43250.0, dead_time=540e-6)
+    assert re.match(r"the sweep is \d+ % off a resonance", found.failure)
+    assert found.remark == ""
+
+
 NULLS = (0.7, -1.1, 0.3, -0.2, 1.2, -0.9)
 
 
