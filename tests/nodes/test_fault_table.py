@@ -292,7 +292,7 @@ def test_the_bounds_are_those_of_the_table() -> None:
 @pytest.mark.parametrize("mode", DRIVING)
 def test_every_watchdog_trips_in_every_mode(mode: Mode) -> None:
     tripped = {case.trips(mode) for case in CASES if mode in case.modes}
-    # These have tests of their own, in test_missed_time.py and test_watchdogs.py.
+    # These have tests of their own, in test_missed_time.py and test_real_time.py.
     left = {Watchdog.MISSED_TIME, Watchdog.UNSEEN}
     if mode not in (Mode.AMPLITUDE_RESONANCE, Mode.FRICTION, Mode.TEXTURE):
         left.add(Watchdog.RESONANCE)

@@ -10,6 +10,7 @@ from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.eds import load_eds
 
 STIMULATOR = read_eds("stimulator.eds")
@@ -126,6 +127,26 @@ def test_another_unit_factor_or_type_is_refused(text: str, cap: Cap, unit: str) 
 def test_an_object_that_is_left_out_is_refused(text: str, cap: Cap) -> None:
     missing = edited(text, cap.name, ParameterName="Something else")
     assert refusal(text, missing) == f"{cap.name!r} is not in the EDS"
+
+
+@pytest.mark.parametrize(
+    ("text", "index", "subindex", "last", "beyond"),
+    [
+        (STIMULATOR, 0x2041, 7, 8000, 8001),
+        (STIMULATOR, 0x2041, 8, 4000, 4001),
+        (STIMULATOR, 0x2041, 9, 1000, 1001),
+        *((STIMULATOR, index, 5, 1, 0) for index in (0x1404, 0x1405, 0x1406)),
+        (PLATE, 0x1400, 5, 100, 101),
+    ],
+)
+def test_limits_of_forces_and_deadlines_have_an_end(
+    text: str, index: int, subindex: int, last: int, beyond: int
+) -> None:
+    entry = DEFAULT[text].entry(index, subindex)
+    entry.check(last)
+    with pytest.raises(Abort) as refused:
+        entry.check(beyond)
+    assert refused.value.code == (AbortCode.TOO_HIGH if beyond > last else AbortCode.TOO_LOW)
 
 
 def test_a_plate_node_of_another_make_does_not_lift_the_caps_of_the_stimulator() -> None:

@@ -21,7 +21,7 @@ from smarttac_can.trials.fault_cases import (
 from smarttac_can.trials.rig import Rig
 from smarttac_can.vocabulary.faults import PICKUP_D, PICKUP_Q, FaultKind
 from smarttac_can.vocabulary.states import Mode, State
-from smarttac_can.vocabulary.watchdogs import COUNTED, PLATE_COUNTED, Watchdog, level
+from smarttac_can.vocabulary.watchdogs import COUNTED, PLATE_COUNTED, Watchdog
 
 LOSE_MEASUREMENTS = disturb(FrameFault.LOSS, *MEASUREMENTS)
 
@@ -214,9 +214,3 @@ def test_sound_run_is_far_from_every_fault(mode: Mode) -> None:
         assert levels[Watchdog.SETPOINT] == pytest.approx(1 / 5)
         assert of_plate(rig, "deadline") == pytest.approx(1 / 3)
         assert max(levels[w] for w in COUNTED if w is not Watchdog.VOLTAGE) <= 0.5
-
-
-def test_limit_of_0() -> None:
-    assert level(0.0, 0.0) == 0.0
-    assert level(0.1, 0.0) == float("inf")
-    assert level(1.0, 4.0) == 0.25

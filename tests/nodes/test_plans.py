@@ -174,6 +174,7 @@ def driving() -> StimulatorBlock:
         ("Limit.Amplitude", 2900),
         ("Limit.Lowest frequency", 4_271_000),
         ("Limit.Temperature", 5900),
+        ("Limit.Normal force", 3900),
         ("Limit.Lateral force", 2900),
         ("Controller.Friction slope per percent", 41),
         ("Controller.Boundary hysteresis", 90),

@@ -83,22 +83,6 @@ def test_plate_too_hot() -> None:
     assert emergencies(line)[-1] == 0
 
 
-@pytest.mark.parametrize(("name", "cap"), [("Voltage", 20_000), ("Temperature", 8000)])
-def test_no_write_passes_a_hard_cap_of_the_plate(name: str, cap: int) -> None:
-    line, plate = driven_plate()
-    assert line.write(plate, f"Limit.{name}", cap + 1) == 0x06090031
-
-
-def test_plate_keeps_its_deadline() -> None:
-    line, plate = driven_plate()
-    deadline = plate.od.entry(0x1400, 5)
-    assert line.write_entry(plate, deadline, 101) == 0x06090031
-    assert deadline.value == 3
-    assert line.write_entry(plate, deadline, 0) == 0
-    plate.advance(1000)
-    assert stage(plate) == 0, "no deadline is no drive"
-
-
 def test_a_first_drive_above_the_limit_bars_as_well() -> None:
     line, plate = ready_plate()
     line.send(drive(15_001, tick_of(plate)))

@@ -24,6 +24,7 @@ from line import (
 from smarttac_can.bench.simulation import PLATE_ID, plate_od, stimulator_od
 from smarttac_can.host.faulty_bus import FrameFault
 from smarttac_can.master import requests
+from smarttac_can.nodes.bus_loop import LateAnswers
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import Abort
@@ -31,7 +32,7 @@ from smarttac_can.trials.fault_cases import calm, disturb
 from smarttac_can.trials.rig import Rig
 from smarttac_can.vocabulary.faults import FaultKind
 from smarttac_can.vocabulary.states import Mode, State
-from smarttac_can.vocabulary.watchdogs import Watchdog
+from smarttac_can.vocabulary.watchdogs import UNSEEN_CYCLES, WATCHDOGS, Watchdog
 
 DEFAULT_US = 20_000
 SAVE = int.from_bytes(b"save", "little")
@@ -174,6 +175,25 @@ def test_drives_that_are_late_are_no_fault_before_the_deadline(amplitude: int, l
     rig.cycle(50)
     assert rig.state is State.RUNNING, rig.od["Message"].value
     assert abs(rig.plate.od["Vibration.W_d"].value - 10 * amplitude) < 200
+
+
+def test_late_drives_that_may_make_more_vibration_than_a_lower_limit_end_a_run(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """In time the drive is cut to the limit; a late one leaves in force what was sent before."""
+    rig = driven()
+    rig.write("Limit.Amplitude by drive", 500)
+    rig.cycle(20)
+    assert rig.state is State.RUNNING
+    monkeypatch.setattr(LateAnswers, "late", lambda *_: True)
+    rig.write("Limit.Amplitude by drive", 100)
+    rig.cycle(UNSEEN_CYCLES - 1)
+    assert rig.state is State.RUNNING
+    rig.cycle()
+    assert rig.state is State.FAULT
+    assert rig.od["Diagnosis.Code"].value == WATCHDOGS[Watchdog.UNSEEN].code
+    assert rig.od["Diagnosis.Latched"].value == 1 << Watchdog.UNSEEN
+    assert rig.stage.read() == 0
 
 
 def test_a_pickup_that_is_silent_is_a_fault_soon_after_the_deadline() -> None:

@@ -114,6 +114,21 @@ def test_a_limit_is_watched_from_the_next_cycle(driving: Loop) -> None:
     assert driving.latched == 1 << Watchdog.TEMPERATURE
 
 
+@pytest.mark.parametrize("record", ["Model", "Controller", "Calibration", "Limit"])
+def test_a_block_takes_any_value_that_its_eds_allows(loop: Loop, record: str) -> None:
+    for entry in loop.block.od:
+        if not entry.name.startswith(f"{record}.") or not entry.writable:
+            continue
+        for raw in (int(entry.low), int(entry.high), entry.default):
+            # The two ends of the frequency range must not pass each other.
+            meets = (entry.name, raw) in (
+                ("Limit.Lowest frequency", int(entry.high)),
+                ("Limit.Highest frequency", int(entry.low)),
+            )
+            assert loop.write(entry.name, raw) == (VALUE if meets else 0), entry.name
+            loop.tick()
+
+
 def test_a_plate_inside_leaves_no_time_for_late_drives(driving: Loop) -> None:
     """With a plate node, whose drives may be late by 17 ms, this would take 27 cycles."""
     for name, raw in (("Sensor", PICKUP), ("Value", 10), ("Kind", FaultKind.GAIN)):

@@ -1,4 +1,4 @@
-"""How often noise alone looks like a stuck sensor, by the constants of the simulated plate."""
+"""The table of the watchdogs, and how often noise alone looks like a stuck sensor."""
 
 from math import erf, sqrt
 
@@ -9,6 +9,9 @@ from smarttac_can.vocabulary.watchdogs import (
     STUCK_GAUGE_CYCLES,
     STUCK_THERMOMETER_CYCLES,
     STUCK_WITHIN,
+    WATCHDOGS,
+    Watchdog,
+    level,
 )
 
 CYCLES_PER_HOUR = 3_600_000
@@ -39,9 +42,9 @@ def alarms_per_hour(
 @pytest.mark.parametrize(
     ("noise", "resolution", "within", "cycles", "sensors", "expected"),
     [
-        (P.gauge_noise, P.gauge_resolution, 2, 24, 6, 9.3e-25),
-        (P.pickup_noise, P.pickup_resolution, 2, 24, 2, 9.2e-11),
-        (P.temperature_noise, P.temperature_resolution, 0, 100, 1, 1e-10),
+        (P.gauge_noise, P.gauge_resolution, STUCK_WITHIN, STUCK_GAUGE_CYCLES, 6, 9.3e-25),
+        (P.pickup_noise, P.pickup_resolution, STUCK_WITHIN, STUCK_GAUGE_CYCLES, 2, 9.2e-11),
+        (P.temperature_noise, P.temperature_resolution, 0, STUCK_THERMOMETER_CYCLES, 1, 1e-10),
     ],
     ids=["gauges", "pick-up", "thermometer"],
 )
@@ -52,5 +55,14 @@ def test_false_alarms_an_hour(
     assert alarms == pytest.approx(expected, rel=0.1, abs=0.0)
 
 
-def test_the_numbers_are_those_of_the_watch() -> None:
-    assert (STUCK_WITHIN, STUCK_GAUGE_CYCLES, STUCK_THERMOMETER_CYCLES) == (2, 24, 100)
+def test_every_code_is_its_own() -> None:
+    codes = [row.code for row in WATCHDOGS.values()]
+    assert list(WATCHDOGS) == list(Watchdog)
+    assert len(set(codes)) == len(codes)
+    assert all(row.why and row.text for row in WATCHDOGS.values())
+
+
+def test_level_of_a_limit_of_0() -> None:
+    assert level(0.0, 0.0) == 0.0
+    assert level(0.1, 0.0) == float("inf")
+    assert level(1.0, 4.0) == 0.25
