@@ -53,6 +53,11 @@ def test_storage_that_cannot_be_written_is_no_start(
     assert set(tmp_path.iterdir()) == before
 
 
+def test_storage_in_a_folder_that_is_not_there_is_named(tmp_path: Path) -> None:
+    line = refusal("plate", *NOWHERE, "--storage", tmp_path / "no" / "file", code=2)
+    assert f"'{tmp_path / 'no'}' is no directory" in line
+
+
 def test_a_file_system_that_is_read_only_is_named(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -1,4 +1,4 @@
-"""The function block of the plate without a node: ticks, drives that count, and 0 V."""
+"""The function block of the plate without a node: ticks, drives that count, 0 V, the simulation."""
 
 from __future__ import annotations
 
@@ -9,10 +9,14 @@ import pytest
 from smarttac_can.bench.simulation import plate_od
 from smarttac_can.nodes.plate_block import PlateBlock, Taken
 from smarttac_can.nodes.states import StageState
+from smarttac_can.od.cia import Abort, AbortCode
+from smarttac_can.plant.finger import Lifted, Stroke, Trajectory
+from smarttac_can.vocabulary.faults import FaultKind
 from smarttac_can.vocabulary.signals import Drive, Measurement
 
 V20 = 2000
 """20 V in the unit of a drive."""
+GAUGES = [f"Gauge.S{number}" for number in range(1, 7)]
 
 
 class Behind:
@@ -125,14 +129,7 @@ def test_a_measurement_stands_in_the_objects_and_none_leaves_the_last() -> None:
     for there in (True, False):
         assert block.cycle() is there
         assert [block.od[f"Vibration.{name}"].value for name in ("W_d", "W_q")] == [10_000, -20_000]
-        assert [block.od[f"Gauge.S{number}"].value for number in range(1, 7)] == [
-            10,
-            20,
-            30,
-            40,
-            50,
-            60,
-        ]
+        assert [block.od[name].value for name in GAUGES] == [10, 20, 30, 40, 50, 60]
         assert block.od["Vibration.Temperature"].value == 2100
         assert block.od["Vibration.Saturation"].value == 3
         behind.measured = None
@@ -278,3 +275,138 @@ def test_0_v_now(act: Any, state: StageState) -> None:
     assert block.inhibited == (state is StageState.TRIPPED)
     assert behind.stage == Drive(0.0, 43390.0)
     assert (block.commanded, block.od["Drive.Voltage"].value, shown(block)) == (0.0, 0, 0)
+
+
+# The simulated plate behind its objects: whose finger it is, how that moves, and its faults.
+
+
+RECORDING = Trajectory([(0.0, 0.0, 0.8), (1.0, 0.0, 0.8)])
+NAMES = (
+    "dry", "fair", "supple", "moist", "sticky", "fitted-1", "fitted-2", "fitted-3", "fitted-4"
+)  # fmt: skip
+
+
+def test_the_subjects_are_numbered_from_1() -> None:
+    block = PlateBlock(plate_od())
+    for number, name in enumerate(NAMES, 1):
+        block.write("Simulation.Subject", number)
+        block.write("Simulation.Start run", 1)
+        assert block.plate._subject.name == name
+
+
+def finger_of(block: PlateBlock, motion: int) -> object:
+    block.write("Finger.Motion", motion)
+    block.write("Simulation.Start run", 1)
+    return block.plate._finger
+
+
+def test_the_finger_is_lifted_strokes_or_is_the_recorded_one() -> None:
+    block = PlateBlock(plate_od(), RECORDING)
+    assert finger_of(block, 2) is RECORDING
+    assert isinstance(finger_of(block, 1), Stroke)
+    assert isinstance(finger_of(block, 0), Lifted)
+
+
+def test_where_there_is_no_recording_that_finger_alone_is_refused() -> None:
+    block = PlateBlock(plate_od())
+    with pytest.raises(Abort) as refused:
+        block.write("Finger.Motion", 2)
+    assert refused.value.code == AbortCode.STATE
+    assert isinstance(finger_of(block, 1), Stroke)
+    block.write("Simulation.Seed", 2)
+    assert block.od["Simulation.Seed"].value == 2
+
+
+def test_a_stored_motion_without_its_recording_is_a_lifted_finger() -> None:
+    block = PlateBlock(plate_od())
+    block.od["Finger.Motion"].value = 2
+    block.start_run()
+    assert isinstance(block.plate._finger, Lifted)
+
+
+def readings(block: PlateBlock) -> list[float]:
+    """Means of 64 samples of S1..S6 in N, whose noise is 4.3 mN."""
+    rows = []
+    for _ in range(64):
+        block.cycle()
+        rows.append([block.od[name].si_value for name in GAUGES])
+    return [sum(column) / 64 for column in zip(*rows, strict=True)]
+
+
+def test_a_weight_lies_on_the_simulated_plate_at_once_and_beyond_a_start() -> None:
+    block = PlateBlock(plate_od())
+    bare = readings(block)
+    for name, raw in (("Force x", 500), ("Force y", -250), ("Normal force", 2000)):
+        block.write(f"Weight.{name}", raw)
+    loads = [0.49, -0.27, 0.5, 0.5, 0.5, 0.5]
+    for act in (lambda: None, block.start_run):
+        act()
+        under = readings(block)
+        assert [u - b for u, b in zip(under, bare, strict=True)] == pytest.approx(loads, abs=5e-3)
+    block.write("Weight.Position", 1400)  # half way to S4 and S6
+    loads[2:] = [0.25, 0.75, 0.25, 0.75]
+    under = readings(block)
+    assert [u - b for u, b in zip(under, bare, strict=True)] == pytest.approx(loads, abs=5e-3)
+    for name in ("Force x", "Force y", "Normal force"):
+        block.write(f"Weight.{name}", 0)
+    assert readings(block) == pytest.approx(bare, abs=5e-3)
+
+
+def break_it(block: PlateBlock, kind: int, sensor: int, value: int, delay: int = 0) -> None:
+    for name, raw in (("Sensor", sensor), ("Value", value), ("Delay in cycles", delay)):
+        block.write(f"Fault.{name}", raw)
+    block.write("Fault.Kind", kind)
+
+
+def saturation(block: PlateBlock) -> int:
+    """What the next tick says of the sensors."""
+    block.cycle()
+    return int(block.od["Vibration.Saturation"].value)
+
+
+def test_a_fault_waits_for_its_delay_and_a_run_forgets_one_that_waits() -> None:
+    block = PlateBlock(plate_od())
+    for delay, act, forgotten in ((3, lambda: None, False), (5, block.start_run, True)):
+        break_it(block, FaultKind.SATURATED, 1, 0, delay)
+        act()
+        assert [saturation(block) for _ in range(delay)] == [0] * delay
+        assert saturation(block) == (0 if forgotten else 1)
+
+
+@pytest.mark.parametrize(("name", "raw"), [("Fault.Kind", 0), ("Simulation.Start run", 1)])
+def test_a_fault_is_cleared(name: str, raw: int) -> None:
+    block = PlateBlock(plate_od())
+    break_it(block, FaultKind.SATURATED, 2, 0)
+    assert saturation(block) == 2
+    block.write(name, raw)
+    assert block.od["Fault.Kind"].value == 0
+    assert saturation(block) == 0
+
+
+def test_a_value_that_makes_no_sense_for_the_kind_is_refused() -> None:
+    block = PlateBlock(plate_od())
+    with pytest.raises(Abort) as refused:
+        break_it(block, FaultKind.QUALITY, 1, 0)
+    assert refused.value.code == AbortCode.VALUE
+    assert block.od["Fault.Kind"].value == 0
+
+
+@pytest.mark.parametrize(("value", "volts"), [(0, V20), (6000, 6000)])
+def test_a_stage_gets_stuck_where_it_is_or_at_another_voltage(value: int, volts: int) -> None:
+    block = PlateBlock(plate_od())
+    for voltage in (0, V20):
+        block.cycle()
+        assert take(block, voltage) is Taken.IN_TIME
+    break_it(block, FaultKind.STAGE_STUCK, 1, value)
+    block.cycle()
+    assert shown(block) == volts
+    assert take(block, volts + 50) is Taken.IN_TIME, "within the tolerance it seems to obey"
+    assert shown(block) == volts
+    block.cycle()
+    assert take(block, 500) is Taken.DISOBEYED
+    assert shown(block) == 0
+    block.write("Fault.Kind", 0)
+    block.cycle()
+    take(block, 0)
+    block.cycle()
+    assert (take(block, 700), shown(block)) == (Taken.IN_TIME, 700)

@@ -129,6 +129,16 @@ def test_a_block_takes_any_value_that_its_eds_allows(loop: Loop, record: str) ->
             loop.tick()
 
 
+def test_a_fault_of_the_plate_inside_lasts_until_the_next_run(loop: Loop) -> None:
+    for name, raw in (("Sensor", 5), ("Value", 0), ("Kind", FaultKind.SATURATED)):
+        assert loop.write(f"Fault.{name}", raw) == 0
+    loop.tick()
+    assert loop.shown("Plate input.Saturation") == [1 << 4]
+    assert loop.write("Simulation.Start run", 1) == 0
+    loop.tick()
+    assert loop.shown("Fault.Kind", "Plate input.Saturation") == [0, 0]
+
+
 def test_a_plate_inside_leaves_no_time_for_late_drives(driving: Loop) -> None:
     """With a plate node, whose drives may be late by 17 ms, this would take 27 cycles."""
     for name, raw in (("Sensor", PICKUP), ("Value", 10), ("Kind", FaultKind.GAIN)):

@@ -219,12 +219,14 @@ def test_mode_by_pdo() -> None:
         ("Simulation.Drive instant", 100),
         ("Finger.Motion", 1),
         ("Finger.Force", 600),
+        ("Fault.Kind", 1),
     ],
 )
 def test_simulation_is_refused_without_the_plate_inside(name: str, raw: int) -> None:
     line, _, stimulator = both_nodes()
     before = line.read(stimulator, name)
     assert line.write(stimulator, name, raw) == STATE
+    assert line.write(stimulator, name, before) == 0, "what was read may be written back"
     assert line.read(stimulator, name) == before
 
 
