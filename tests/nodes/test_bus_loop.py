@@ -101,10 +101,14 @@ def test_what_is_left_of_a_measurement_is_a_lost_cycle() -> None:
     assert pair.counted == (1, 0, 0)
 
 
-def test_a_wrong_sum_is_counted_and_not_answered() -> None:
+def test_a_wrong_bit_is_counted_and_not_answered() -> None:
     pair = Pair()
-    assert not pair.whole(0, corrupt=True)
-    assert (pair.counted, pair.foreign) == ((0, 1, 0), 0)
+    sound = packed(received_measurement(stimulator_od()))
+    for bit in range(8 * len(sound)):
+        wrong = int.from_bytes(sound, "little") ^ 1 << bit
+        data = wrong.to_bytes(len(sound), "little")
+        assert not any(pair.take(FIRST, SECOND, LAST, data=data)), f"bit {bit}"
+    assert (pair.counted, pair.foreign) == ((0, 192, 0), 0)
     assert pair.answered(0)
 
 

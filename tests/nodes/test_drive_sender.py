@@ -24,8 +24,11 @@ class Plate:
 
     def sound(self, voltage: int, source: int = ONE, session: int = 0, of: int = 0) -> bool:
         """Whether a drive of a source, made in one session, is sound in another."""
+        return self.sender.sound(self.drive(voltage, source, of), session, off=not voltage)
+
+    def drive(self, voltage: int, source: int = ONE, session: int = 0) -> bytes:
         self._sent.entries[0].value = voltage
-        return self.sender.sound(packed(self._sent, bytes((of, source))), session, off=not voltage)
+        return packed(self._sent, bytes((session, source)))
 
     @property
     def corrupt(self) -> int:
@@ -48,6 +51,16 @@ def test_nobody_begins_with_a_voltage_and_it_is_not_corrupt(voltage: int) -> Non
     assert (plate.corrupt, plate.sender.level) == (0, 0.0)
     assert plate.sound(0)
     assert plate.sound(voltage)
+
+
+def test_a_drive_with_a_wrong_bit_is_corrupt() -> None:
+    plate = works_with_one()
+    data = plate.drive(V20)
+    assert plate.sender.sound(data, 0, off=False)
+    for bit in range(64):
+        wrong = int.from_bytes(data, "little") ^ 1 << bit
+        assert not plate.sender.sound(wrong.to_bytes(8, "little"), 0, off=False), f"bit {bit}"
+    assert plate.corrupt == 64
 
 
 def test_who_was_first_and_came_twice_stays() -> None:

@@ -21,6 +21,7 @@ from smarttac_can.bench.simulation import (
 from smarttac_can.nodes.loop_frames import (
     CheckedFrames,
     crc8,
+    last_unsent,
     links_to_plate,
     plate_serial,
     received_drive,
@@ -144,3 +145,13 @@ def test_any_wrong_bit_and_any_short_burst_is_found(data: bytes, draw: st.DataOb
     wrong = int.from_bytes(data, "big") ^ burst << first
     size = max(len(data), (wrong.bit_length() + 7) // 8)
     assert crc8(wrong.to_bytes(size, "big")) != crc8(data.rjust(size, b"\0"))
+
+
+@given(st.binary(min_size=8, max_size=8))
+def test_what_a_stranger_makes_up_passes_with_one_of_256(data: bytes) -> None:
+    """The byte that the check stands for is another for each check."""
+    body = data[:7]
+    named = {last_unsent(body + bytes((check,)), b"\0") for check in range(256)}
+    assert len(named) == 256
+    check = crc8(body + bytes((0, STIMULATOR_ID)))
+    assert last_unsent(body + bytes((check,)), b"\0") == STIMULATOR_ID

@@ -12,9 +12,7 @@ from line import (
     START,
     STOP,
     Line,
-    driven_both,
     plate_inside,
-    stage,
 )
 
 from smarttac_can.device.frame import Frame
@@ -217,12 +215,6 @@ def test_quick_stop(armed: bool) -> None:
         assert line.write(node, "Controlword", word) == STATE
     assert line.write(node, "Controlword", FAULT_RESET) == 0, "all commands are taken back"
     assert state(node) is State.READY
-
-
-def test_a_plate_node_is_told_of_a_quick_stop_at_once() -> None:
-    line, plate, stimulator = driven_both()
-    assert line.write(stimulator, "Controlword", QUICK_STOP) == 0
-    assert stage(plate) == 0
 
 
 def test_start_run_disarms_and_what_stands_is_not_obeyed() -> None:

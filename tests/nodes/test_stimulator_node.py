@@ -17,6 +17,7 @@ from line import (
     SYNC,
     Line,
     both_nodes,
+    driven_both,
     ids,
     measurement,
     ready_both,
@@ -91,6 +92,73 @@ def test_a_measurement_begun_before_a_stop_is_forgotten() -> None:
     line.nmt(START)
     assert line.send(measurement(0)[2]) == []
     assert driven(line.send(SYNC, *measurement(1))) == [(0, 4_339_000, 1)]
+
+
+def corrupt(frame: Frame) -> Frame:
+    return Frame(frame.can_id, bytes((frame.data[0] ^ 32, *frame.data[1:])))
+
+
+def test_plate_input_shows_whole_measurements_alone() -> None:
+    line, stimulator = waiting()
+    shown = [entry for entry in stimulator.od if entry.name.startswith("Plate input.")]
+    frames = measurement(0)
+    line.send(SYNC, *frames)
+    before = [entry.value for entry in shown]
+    assert stimulator.od["Plate input.Tick"].value == 0
+    assert stimulator.od["Plate input.Check"].value == frames[-1].data[7]
+    first, second, last = measurement(1)
+    line.send(SYNC, first, second)
+    assert [entry.value for entry in shown] == before, "two parts"
+    line.send(corrupt(last))
+    assert [entry.value for entry in shown] == before, "a wrong check"
+    line.send(SYNC, first, second, last)
+    assert stimulator.od["Plate input.Tick"].value == 1
+    assert stimulator.od["Plate input.Check"].value == last.data[7]
+
+
+def test_what_is_written_to_plate_input_is_used_by_no_cycle() -> None:
+    """The controllers answer what has come, whatever a master writes between two PDOs of it."""
+    outcomes = []
+    for raw in (0, 9_000):
+        line, stimulator = waiting()
+        line.send(SYNC, *measurement(0))
+        first, second, last = measurement(1, W=500)
+        line.send(SYNC, first, second)
+        for name in ("S3", "W_d", "Temperature"):
+            assert line.write(stimulator, f"Plate input.{name}", raw) == 0
+            assert line.read(stimulator, f"Plate input.{name}") == raw
+        assert DRIVE in ids(line.send(last))
+        assert line.read(stimulator, "Plate input.S3") == 0
+        cascade = stimulator.block.cascade
+        outcomes.append((cascade.contact, cascade.amplitude, stimulator.levels()))
+    assert outcomes[0] == outcomes[1]
+    assert outcomes[0][1] > 0.0
+
+
+def test_three_unusable_measurements_in_a_row_are_a_fault() -> None:
+    line, plate, stimulator = driven_both()
+    line.ports[0].close()
+    tick = plate.od["Vibration.Tick"].value
+    for count in range(1, 4):
+        first, second, last = measurement(tick + count & 0xFF)
+        line.send(first, second, corrupt(last))
+        assert stimulator.block.state is State.RUNNING
+    sent = line.send(first)
+    assert stimulator.block.state is State.FAULT
+    assert [frame.data[:2] for frame in sent if frame.can_id == DRIVE] == [bytes(2)], "0 V"
+    assert stimulator.od["Diagnosis.Code"].value == 0x8251
+
+
+def test_a_drive_that_is_asked_for_is_0_v_once_the_stimulator_has_left_operational() -> None:
+    line, plate, _ = driven_both()
+    (asked,) = line.send(Frame(DRIVE, rtr=True))
+    assert asked.data[:2] == b"\xd0\x07"
+    line.nmt(PREOP, STIMULATOR_ID)
+    line.nmt(START, STIMULATOR_ID)
+    (asked,) = line.send(Frame(DRIVE, rtr=True))
+    assert asked.data[:2] == bytes(2)
+    line.sync(30)
+    assert stage(plate) == 0
 
 
 def test_a_wrong_cycle_period_is_reported_once_and_stops_the_drive() -> None:
@@ -480,16 +548,6 @@ def test_a_change_of_state_is_0_v_for_a_plate_that_drives_and_nothing_for_others
     for word in words:
         assert line.write(stimulator, "Controlword", word) == 0
     assert [voltage for voltage, _, _ in driven(line.frames[before:])] == sent
-
-
-def test_a_reset_of_the_fault_is_0_v_for_a_plate_that_awaits_it() -> None:
-    line, _, stimulator = driving()
-    stimulator.transmit_failed()
-    assert stimulator.block.state is State.FAULT
-    assert line.write(stimulator, "Controlword", 0) == 0
-    before = len(line.frames)
-    assert line.write(stimulator, "Controlword", 0x80) == 0
-    assert [voltage for voltage, _, _ in driven(line.frames[before:])] == [0]
 
 
 def test_links_that_a_master_took_back_are_made_anew_at_the_start_and_not_before() -> None:
