@@ -89,13 +89,12 @@ def plate_alone(**options: object) -> tuple[Line, PlateNode]:
     return Line(node), node
 
 
-def ready_plate(node_id: int = PLATE_ID) -> tuple[Line, PlateNode]:
+def ready_plate() -> tuple[Line, PlateNode]:
     """A plate that has had tick 0, and 0 V."""
-    plate = PlateNode(plate_od(node_id), deadline_ms=3)
-    line = Line(plate)
-    line.nmt(START, node_id)
+    line, plate = plate_alone()
+    line.nmt(START)
     line.sync()
-    line.send(drive(0, 255, node_id=node_id))
+    line.send(drive(0, 255))
     return line, plate
 
 
@@ -162,14 +161,13 @@ def drive(
     voltage: int,
     tick: int,
     frequency: int = 4_339_000,
-    node_id: int = PLATE_ID,
     *,
     session: int = 0,
     source: int = STIMULATOR_ID,
 ) -> Frame:
     """The drive PDO in 10 mV and 0.01 Hz, of a sender that is told by its check alone."""
     data = struct.pack("<HIB", voltage, frequency, tick)
-    return Frame(0x200 + node_id, data + bytes((crc8(data + bytes((session, source))),)))
+    return Frame(DRIVE, data + bytes((crc8(data + bytes((session, source))),)))
 
 
 def measurement(tick: int, gauge_tick: int | None = None, W: int = 0) -> list[Frame]:

@@ -100,6 +100,8 @@ def test_no_two_simulated_plates_have_one_serial_number() -> None:
     serials = [plate_serial(entry, node_id) for node_id in range(1, 128)]
     assert (serials[32], serials[33], serials[31]) == (1, 2, 127)
     assert sorted(serials) == list(range(1, 128))
+    entry.default = 4711
+    assert plate_serial(entry, 5) == 4711, "that of an EDS that names a plate"
 
 
 @pytest.mark.parametrize(

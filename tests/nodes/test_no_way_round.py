@@ -126,14 +126,6 @@ def test_a_measurement_pdo_that_is_disabled_makes_not_ready(rpdo: int) -> None:
     assert rig.state is State.NOT_READY
 
 
-def test_a_node_that_is_watched_twice_is_found_once() -> None:
-    rig = driven()
-    rig.stimulator.on_error_control(5, True)
-    rig.stimulator.on_error_control(5, True)
-    rig.stimulator.on_error_control(5, False)
-    assert reset_fault(rig) == 0
-
-
 def test_sync_of_another_is_right_again_when_the_node_produces_none() -> None:
     rig = driven()
     assert write(rig, "Controlword", 0) == 0

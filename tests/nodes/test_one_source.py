@@ -8,8 +8,6 @@ from line import (
     EMCY_PLATE,
     EMCY_STIMULATOR,
     MEASUREMENT,
-    PREOP,
-    RESET_COMMUNICATION,
     START,
     SYNC,
     Line,
@@ -20,7 +18,6 @@ from line import (
     emergencies,
     ids,
     measurement,
-    ready_inside,
     stage,
     stimulator_alone,
 )
@@ -55,19 +52,6 @@ TWO = (
     "another node sends with an identifier of this one or of its plate: two have one node-ID, give "
     "one of them another by LSS or --node-id; clear 3 s after the last such frame"
 )
-
-
-def test_the_message_says_what_to_do_about_a_double_before_anything_is_armed() -> None:
-    line, node = ready_inside()
-    assert node.od["Message"].value == ""
-    line.send(Frame(0x720, b"\5"))
-    assert node.block.state is State.NOT_READY
-    assert node.od["Message"].value == TWO
-    line.advance(2999)
-    assert node.od["Message"].value == TWO
-    line.advance(2)
-    assert node.block.state is State.READY
-    assert node.od["Message"].value == ""
 
 
 def test_two_plates_do_not_give_two_cycles_a_sync() -> None:
@@ -145,15 +129,7 @@ def test_a_measurement_that_overtakes_its_sync_is_answered() -> None:
     assert node.od["Diagnosis.Present"].value & DOUBLE == 0
 
 
-OWN = {
-    "EMCY": Frame(EMCY_STIMULATOR, bytes(8)),
-    "TPDO": Frame(0x2A0, bytes(8)),
-    "drive": drive(0, 0),
-    "SDO": Frame(0x5A0, bytes(8)),
-    "heartbeat": Frame(0x720, b"\5"),
-    "boot-up": Frame(0x720, b"\0"),
-    "an empty one": Frame(0x1A0),
-}
+OWN = {"drive": drive(0, 0), "heartbeat": Frame(0x720, b"\5")}
 
 
 @pytest.mark.parametrize("frame", OWN.values(), ids=OWN)
@@ -166,30 +142,7 @@ def test_a_frame_with_an_identifier_of_the_stimulator_ends_a_run(frame: Frame) -
     assert emcy[:4] == COLLISION + bytes((0x11, Watchdog.DOUBLE))
 
 
-def test_a_plate_inside_is_at_0_v_too() -> None:
-    line, node = ready_inside()
-    assert line.write(node, "Setpoint.Voltage", 2000) == 0
-    line.run(node, OPEN_LOOP)
-    line.advance(5)
-    assert node.block._inside is not None
-    line.send(OWN["heartbeat"])
-    assert node.block.state is State.FAULT
-    assert node.block._inside.plate.od["Stage.Voltage"].read() == 0
-
-
-def test_remote_frames_are_anybodys() -> None:
-    line, _, node = driven_both()
-    line.send(Frame(0x2A0, rtr=True), Frame(0x720, rtr=True), Frame(MEASUREMENT[0], rtr=True))
-    line.sync(5)
-    assert node.block.state is State.RUNNING
-
-
-PLATES = {
-    "EMCY": Frame(EMCY_PLATE, bytes(8)),
-    "TPDO": Frame(MEASUREMENT[1], bytes(8)),
-    "SDO": Frame(0x5A1, bytes(8)),
-    "heartbeat": Frame(0x721, b"\5"),
-}
+PLATES = {"TPDO": Frame(MEASUREMENT[1], bytes(8)), "heartbeat": Frame(0x721, b"\5")}
 
 
 @pytest.mark.parametrize("frame", PLATES.values(), ids=PLATES)
@@ -213,16 +166,6 @@ def test_3_s_after_the_last_such_frame_0_v_frees_the_plate() -> None:
     assert cycle(line, plate, 20) == 20
 
 
-def test_nmt_is_obeyed_and_the_boot_up_sent_all_the_same() -> None:
-    line, plate, _ = driven_both()
-    line.send(PLATES["heartbeat"])
-    line.nmt(PREOP)
-    assert plate.device.nmt_state == 0x7F
-    assert ids(line.nmt(RESET_COMMUNICATION, PLATE_ID)) == [0x721]
-    line.nmt(START)
-    assert plate.device.nmt_state == 5
-
-
 def test_two_stimulators_of_one_node_id_cannot_drive() -> None:
     line, plate, node = driven_both()
     second = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID, lockstep=True, deadline_ms=3)
@@ -243,24 +186,6 @@ def test_two_stimulators_at_one_plate_cannot_drive() -> None:
     line.sync()
     assert stage(plate) == 0
     assert node.block.state is State.FAULT
-
-
-def test_a_stimulator_expects_the_simulated_plate_it_is_linked_to() -> None:
-    for node_id in (5, PLATE_ID, 127):
-        plate = PlateNode(plate_od(node_id))
-        node = StimulatorNode(stimulator_od(), plate_node_id=node_id)
-        line = Line(plate, node)
-        line.nmt(START)
-        line.sync(70)
-        assert node.block.state is State.READY
-
-
-def test_an_eds_that_names_a_plate_wins() -> None:
-    od = stimulator_od()
-    od["Calibration.Plate serial number"].default = 4711
-    node = StimulatorNode(od, plate_node_id=5)
-    node.start()
-    assert node.od["Calibration.Plate serial number"].value == 4711
 
 
 def test_level_of_doubles_rises_with_measurements_that_nobody_asked_for() -> None:
