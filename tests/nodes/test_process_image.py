@@ -14,7 +14,13 @@ from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.control.cascade import Cascade
 from smarttac_can.nodes import stimulator_block
 from smarttac_can.nodes.plate_block import PlateBlock
-from smarttac_can.nodes.process_image import CHANNELS, DriveOutput, Measured, ReadBack
+from smarttac_can.nodes.process_image import (
+    CHANNELS,
+    AnalogueInput,
+    DriveOutput,
+    Measured,
+    ReadBack,
+)
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.od.cia import Abort
 from smarttac_can.od.dictionary import ObjectDictionary
@@ -170,18 +176,6 @@ def test_read_backs_are_those_of_the_last_cycle(
     loop.check()
 
 
-def test_channels_are_valid_as_the_cycle_says(loop: Loop) -> None:
-    loop.begin()
-    cof = loop.block.od["AI status.AI status COF"]
-    assert cof.value == 1, "no finger, not valid"
-    loop.cycle(300)
-    assert loop.block.od["Contact.Touching"].value == 1
-    assert cof.value == 0
-    loop.block.start_run()
-    loop.cycle(1)
-    assert cof.value == 1
-
-
 @pytest.mark.parametrize("command", [PREOP, STOP])
 def test_what_stands_still_outside_operational_is_not_live(command: int) -> None:
     line, _, stimulator = both_nodes()
@@ -313,6 +307,9 @@ def test_status_of_a_cycle_is_its_own_beside_the_state(what: dict[str, Any], bit
     assert shown.status == 4 << 8 | 0b11111
     shown.publish(**what)
     assert shown.status == 4 << 8 | bits
+    channels = stimulator_od()
+    AnalogueInput(channels).update(bool(bits & TOUCHING), what.get("saturation", 0))
+    assert statuses(shown.od) == statuses(channels)
 
 
 @pytest.mark.parametrize("state", State)
@@ -359,3 +356,55 @@ def test_a_drive_stands_with_the_tick_it_answers_and_off_it_is_0_v() -> None:
     assert [entry.value for entry in entries] == [2000, 4_339_000, 7]
     output.switch_off()
     assert [entry.value for entry in entries] == [0, 4_339_000, 7]
+
+
+# The status of the analogue inputs: which channels a cycle leaves valid.
+
+
+NOT_VALID, OVERLOAD = 1, 3
+
+
+def statuses(od: ObjectDictionary) -> list[int]:
+    return [od[f"AI status.AI status {channel}"].value for channel in CHANNELS]
+
+
+@pytest.mark.parametrize(
+    ("sensors", "over"),
+    [
+        (range(2), ("force x", "force y", "COF")),
+        (range(2, 6), ("normal force", "COF")),
+        (range(6, 7), ("amplitude",)),
+        (range(7, 8), ()),
+    ],
+)
+def test_a_sensor_at_its_end_is_an_overload_of_the_channels_that_come_of_it(
+    sensors: range, over: tuple[str, ...]
+) -> None:
+    od = stimulator_od()
+    inputs = AnalogueInput(od)
+    for sensor in sensors:
+        inputs.update(True, 1 << sensor)
+        assert statuses(od) == [OVERLOAD * (channel in over) for channel in CHANNELS]
+        inputs.update(True, 0)
+        assert statuses(od) == [0] * 6
+
+
+def test_without_a_finger_the_cof_is_not_valid_beside_what_is_over() -> None:
+    od = stimulator_od()
+    inputs = AnalogueInput(od)
+    inputs.update(False, 0)
+    assert statuses(od) == [0, 0, 0, NOT_VALID, 0, 0]
+    inputs.update(False, 1 << 2)
+    assert statuses(od) == [0, 0, OVERLOAD, OVERLOAD, 0, 0]
+    inputs.update(True, 0)
+    assert statuses(od) == [0] * 6
+
+
+def test_after_a_reset_a_cycle_like_the_last_one_is_shown_again() -> None:
+    od = stimulator_od()
+    inputs = AnalogueInput(od)
+    inputs.update(False, 0)
+    od.reset()
+    inputs.reset()
+    inputs.update(False, 0)
+    assert statuses(od) == [0, 0, 0, NOT_VALID, 0, 0]
