@@ -11,6 +11,7 @@ from line import (
     MEASUREMENT,
     PREOP,
     PUBLIC,
+    RESET,
     RESET_COMMUNICATION,
     START,
     STOP,
@@ -520,6 +521,20 @@ def test_a_change_of_state_is_0_v_for_a_plate_that_drives_and_nothing_for_others
     for word in words:
         assert line.write(stimulator, "Controlword", word) == 0
     assert [voltage for voltage, _, _ in driven(line.frames[before:])] == sent
+
+
+def test_the_fault_memory_outlives_a_reset_to_the_defaults_and_is_no_latch() -> None:
+    line, _, stimulator = driven_both()
+    stimulator.transmit_failed()
+    memory = stimulator.od["Fault memory.Fault 1"]
+    kept = memory.value
+    assert line.write(stimulator, "Controlword", 0) == 0
+    load = int.from_bytes(b"load", "little")
+    assert line.write_entry(stimulator, stimulator.od.entry(0x1011, 1), load) == 0
+    line.nmt(RESET)
+    assert kept
+    assert memory.value == kept
+    assert stimulator.block.state is State.NOT_READY
 
 
 def test_links_that_a_master_took_back_are_made_anew_at_the_start_and_not_before() -> None:

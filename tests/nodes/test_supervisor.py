@@ -325,6 +325,47 @@ def test_a_word_by_sdo_is_refused_with_a_reason(word: int, code: int) -> None:
     assert loop.message == "", "the reason is no missing watch"
 
 
+def faults(loop: Loop) -> list[str]:
+    """The fault memory as a master reads it."""
+    texts = [loop.od[f"Fault memory.Fault {number}"].value for number in range(1, 9)]
+    return [text for text in texts if text]
+
+
+def test_a_fault_is_kept_with_its_cause_and_what_was_asked_for() -> None:
+    loop = Loop(State.RUNNING)
+    assert faults(loop) == []
+    loop.od["Mode"].value = Mode.AMPLITUDE
+    for name, raw in (("Voltage", 4000), ("Amplitude", 1000), ("COF left", 3500)):
+        loop.od[f"Setpoint.{name}"].value = raw
+    loop.come(Watchdog.BUS_OFF)
+    kept = [
+        f"8141h {BUS_OFF_TEXT}; mode amplitude, Voltage 40000 mV, Frequency 43390 Hz, "
+        "Amplitude 1000 nm, COF left 0.35, COF right 0.3"
+    ]
+    assert faults(loop) == kept
+    loop.go(Watchdog.BUS_OFF)
+    loop.supervisor.command(0)
+    loop.supervisor.command(FAULT_RESET)
+    assert faults(loop) == kept, "beyond the reset of the fault"
+
+
+def test_a_reset_keeps_the_memory_and_out_of_running_adds_to_it() -> None:
+    loop = Loop(State.RUNNING)
+    loop.supervisor.memory.recall(("old",))
+    loop.od.reset()
+    loop.supervisor.restart()
+    assert faults(loop) == ["8180h NMT left OPERATIONAL while running; reset node", "old"]
+
+
+def test_eight_faults_are_kept_the_newest_first() -> None:
+    loop = Loop(State.RUNNING)
+    loop.supervisor.memory.recall(tuple(f"old {number}" for number in range(9)))
+    assert faults(loop) == [f"old {number}" for number in range(8)]
+    loop.come(Watchdog.BUS_OFF)
+    assert faults(loop)[0].startswith("8141h")
+    assert faults(loop)[1:] == [f"old {number}" for number in range(7)]
+
+
 def unwatched() -> Loop:
     loop = Loop()
     loop.supervisor.supervised = False
