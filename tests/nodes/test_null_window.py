@@ -1,11 +1,10 @@
 """A tare refuses a null outside its window: zeros of a finger that rests would hide it."""
 
-from collections.abc import Iterator
 from typing import Literal
 
 import pytest
 
-from smarttac_can.bench import FaultError, NotReadyError, RefusedError, State, Stimulator
+from smarttac_can.bench import NotReadyError, RefusedError, State, Stimulator
 from smarttac_can.bench.simulation import od_and_plate, plate_od, stimulator_od
 from smarttac_can.device.storage import Memory
 from smarttac_can.master.requests import download
@@ -14,21 +13,8 @@ from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.vocabulary.faults import FaultKind
 
-DRIFT_MN = 60
 _ANOTHER_NULL = {"Gauge null.Window": 10, "Gauge null.Null of S3": 0}
 """With it no tare of the simulated plate is taken."""
-
-
-@pytest.fixture
-def bench() -> Iterator[Stimulator]:
-    with Stimulator.simulate("local") as made:
-        made.start_run()
-        made.tare()
-        for gauge in range(1, 7):
-            zero = made.get(f"Gauge zero.Zero of S{gauge}")
-            made.set(f"Gauge null.Null of S{gauge}", zero)
-        made.set("Gauge null.Window", DRIFT_MN)
-        yield made
 
 
 def zeros(bench: Stimulator) -> list[float]:
@@ -38,13 +24,6 @@ def zeros(bench: Stimulator) -> list[float]:
 def run_until(bench: Stimulator, cycles: int) -> None:
     while (left := cycles - bench.get("Cycle.Cycles")) > 0:
         bench.run(left * 1e-3)
-
-
-def rest(bench: Stimulator, force: float) -> None:
-    """Have a finger press at the left turning point; it has slid 1 mm at most when it is tared."""
-    bench.finger.stroke(1, force=force, speed=5)
-    bench.start_run()
-    bench.run(0.4)
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -71,30 +50,6 @@ def test_the_window_is_around_the_null_of_each_gauge_and_its_end_is_inside(
     )
 
 
-def test_a_plate_without_a_finger_is_tared_again(bench: Stimulator) -> None:
-    bench.finger.surroundings(seed=9, temperature=20.0)
-    bench.start_run()
-    before = zeros(bench)
-    bench.tare()
-    assert zeros(bench) != before
-    assert bench.message == ""
-
-
-def test_a_finger_that_rests_is_no_null(bench: Stimulator) -> None:
-    rest(bench, 0.5)
-    before = zeros(bench)
-    with pytest.raises(
-        RefusedError, match=r"not tared: S[35] reads -?\d+ mN, more than 60 mN from"
-    ):
-        bench.tare()
-    assert zeros(bench) == before
-    assert bench.message.endswith("lift what rests on the plate, and tare")
-    bench.finger.lift()
-    bench.start_run()
-    bench.tare()
-    assert bench.message == ""
-
-
 @pytest.mark.parametrize("link", ["local", "inside", "bus"])
 def test_a_simulation_knows_its_nulls_from_the_first_start(link: str) -> None:
     """So that whoever tares under a finger by mistake learns it before the hardware does."""
@@ -102,9 +57,15 @@ def test_a_simulation_knows_its_nulls_from_the_first_start(link: str) -> None:
     with Stimulator.simulate(name, plate_inside=link == "inside") as bench:
         bench.run(0.1)
         assert bench.state is State.READY
-        rest(bench, 0.5)
+        # At the left turning point it has slid 1 mm at most when it is tared.
+        bench.finger.stroke(1, force=0.5, speed=5)
+        bench.start_run()
+        bench.run(0.4)
+        before = zeros(bench)
         with pytest.raises(RefusedError, match=r"not tared: S[35] reads .* than 60 mN from its"):
             bench.tare()
+        assert zeros(bench) == before
+        assert bench.message.endswith("lift what rests on the plate, and tare")
         bench.finger.lift()
         bench.start_run()
         bench.tare()
@@ -179,24 +140,3 @@ def test_zeros_that_are_stored_are_no_tare_that_is_due() -> None:
         run_until(bench, 70)
         assert [round(10 * zero) for zero in zeros(bench)] == list(stored.values())
         assert bench.state is State.READY
-
-
-def test_the_window_stays_while_armed(bench: Stimulator) -> None:
-    bench.arm()
-    for name in ("Gauge null.Window", "Gauge null.Null of S1"):
-        with pytest.raises(RefusedError, match="armed or running"):
-            bench.set(name, 100)
-
-
-def test_a_fault_keeps_its_message(bench: Stimulator) -> None:
-    bench.arm()
-    bench.set("Fault.Sensor", 3)
-    bench.set("Fault.Value", 500)
-    bench.set("Fault.Kind", FaultKind.STUCK)
-    with pytest.raises(FaultError):
-        bench.run(0.1)
-    assert bench.message == "a sensor is stuck"
-    bench.set("Fault.Kind", FaultKind.OFFSET)
-    with pytest.raises(FaultError, match="a sensor is stuck"):
-        bench.tare()
-    assert bench.message == "a sensor is stuck"

@@ -30,7 +30,6 @@ from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import Abort
 from smarttac_can.trials.fault_cases import calm, disturb
 from smarttac_can.trials.rig import Rig
-from smarttac_can.vocabulary.faults import FaultKind
 from smarttac_can.vocabulary.states import Mode, State
 from smarttac_can.vocabulary.watchdogs import UNSEEN_CYCLES, WATCHDOGS, Watchdog
 
@@ -194,15 +193,6 @@ def test_late_drives_that_may_make_more_vibration_than_a_lower_limit_end_a_run(
     assert rig.od["Diagnosis.Code"].value == WATCHDOGS[Watchdog.UNSEEN].code
     assert rig.od["Diagnosis.Latched"].value == 1 << Watchdog.UNSEEN
     assert rig.stage.read() == 0
-
-
-def test_a_pickup_that_is_silent_is_a_fault_soon_after_the_deadline() -> None:
-    rig = rig_that_may_be_late(Mode.OPEN_LOOP)
-    rig.inject(FaultKind.RESONANCE_SHIFT, value=-20_000)
-    rig.cycle(20)
-    assert rig.state is State.RUNNING
-    rig.cycle(15)
-    assert rig.stimulator.block.supervisor.latched == 1 << Watchdog.PICKUP
 
 
 WAIT = st.tuples(st.just("wait"), st.sampled_from([1, 999, 1000, 3000]))

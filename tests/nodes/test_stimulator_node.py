@@ -64,16 +64,6 @@ def driving(mode: int = AMPLITUDE) -> tuple[Line, PlateNode, StimulatorNode]:
     return line, plate, stimulator
 
 
-def test_the_drive_goes_out_before_the_public_pdos() -> None:
-    line, node = waiting()
-    for number in (1, 2, 3):
-        assert line.write_entry(node, node.od.entry(0x1800 + number, 2), 0xFE) == 0
-    assert ids(line.send(SYNC, *measurement(0))) == [DRIVE, *PUBLIC]
-    assert ids(line.send(SYNC, *measurement(1))) == [DRIVE, *PUBLIC[1:]], (
-        "the status has not changed"
-    )
-
-
 def test_lost_and_foreign_measurements_are_counted_and_not_answered() -> None:
     line, node = waiting()
     first, _, last = measurement(0)

@@ -108,6 +108,17 @@ def test_1_percent_and_the_deadline_too_many_or_too_few_are_no_drift(
     assert (Watchdog.SYNC_IRREGULAR in watch.tripped) == drifts
 
 
+def test_a_pause_within_the_deadline_is_no_drift() -> None:
+    watch = Watch(20)
+    for _ in range(3):
+        watch.hear(985, [1])
+        watch.hear(15, [0])
+        for _ in range(15):
+            watch.sync.heard(0)
+    watch.hear(1000, [1])
+    assert not watch.tripped
+
+
 @pytest.mark.parametrize(
     ("counters", "jumps"),
     [
