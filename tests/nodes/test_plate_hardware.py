@@ -130,13 +130,6 @@ def test_a_mapping_that_carries_neither_input_is_none() -> None:
     assert cycle(line, plate, 20) == 20
 
 
-def test_an_input_in_the_mapping_of_a_pdo_that_is_not_valid_is_not_mapped() -> None:
-    line, plate = configured()
-    assert write(line, plate, 0x1401, 1, 0x8000_0321) == 0
-    assert cycle(line, plate, 0) == 0
-    assert cycle(line, plate, 20) == 20
-
-
 def test_enable_lets_the_stage_drive_and_ends_it_between_two_cycles() -> None:
     line, plate = watched()
     line.send(says(enable=0, volts=20))
@@ -318,14 +311,6 @@ def test_nothing_takes_the_watch_away_while_the_stage_is_in_use(
     assert entry.value == before
     assert line.write_entry(plate, entry, before) == 0, "what it is may be written"
     assert stage(plate) == 2000
-
-
-def test_a_shorter_timer_is_taken_while_the_stage_is_in_use() -> None:
-    line, plate = watched()
-    assert write(line, plate, 0x1401, 5, 1) == 0
-    assert stage(plate) == 2000
-    line.sync()
-    assert stage(plate) == 0
 
 
 def test_a_timer_that_becomes_shorter_and_shorter_does_not_stand_for_the_hardware() -> None:

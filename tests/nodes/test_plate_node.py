@@ -27,7 +27,7 @@ from smarttac_can.nodes.plate_block import SimulatedPlate
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.plant.finger import Trajectory
 
-STATE, TOO_HIGH, TOO_LOW = 0x08000022, 0x06090031, 0x06090032
+STATE = 0x08000022
 
 
 def test_stage_is_told_with_each_sync_once_it_is_asked_for() -> None:
@@ -233,25 +233,6 @@ def test_sdo_between_the_ticks_changes_nothing() -> None:
         return measured
 
     assert sent(disturbed=True) == sent(disturbed=False)
-
-
-@pytest.mark.parametrize(
-    ("name", "raw", "code"),
-    [
-        ("Simulation.Subject", 0, TOO_LOW),
-        ("Simulation.Subject", 10, TOO_HIGH),
-        ("Simulation.Drive instant", 1000, TOO_HIGH),
-        ("Finger.Force", 49, TOO_LOW),
-        ("Finger.Motion", 2, STATE),
-        ("Finger.Motion", 3, TOO_HIGH),
-        ("Simulation.Start run", 0, TOO_LOW),
-    ],
-)
-def test_refused_and_nothing_changed(name: str, raw: int, code: int) -> None:
-    line, plate = ready_plate()
-    before = [entry.read() for entry in plate.od]
-    assert line.write(plate, name, raw) == code
-    assert [entry.read() for entry in plate.od] == before
 
 
 def test_recorded_finger() -> None:

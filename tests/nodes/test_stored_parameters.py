@@ -1,9 +1,10 @@
 """Parameters that were stored, at the next power-on of a node."""
 
 import pytest
+from line import START, Line
 
-from smarttac_can.bench.simulation import plate_od, stimulator_od
-from smarttac_can.device.storage import Memory
+from smarttac_can.bench.simulation import PLATE_ID, plate_od, stimulator_od
+from smarttac_can.device.storage import Image, Memory, pack_image
 from smarttac_can.master import requests
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
@@ -65,3 +66,20 @@ def test_command_line_wins_over_what_is_stored() -> None:
     assert od["Simulation.Seed"].value == 8
     assert PlateNode(od, storage=memory).start()
     assert od["Simulation.Seed"].value == 1, "the preset of another run is not stored"
+
+
+def test_stored_settings_that_contradict_each_other_are_defaults_again() -> None:
+    od = stimulator_od()
+    memory = Memory()
+    identity = (od.number(0x1018, 1), od.number(0x1018, 2), od.number(0x1018, 3))
+    crossed = {(0x2041, 3): (4_500_000), (0x2041, 4): 4_200_000}
+    values = {address: raw.to_bytes(4, "little") for address, raw in crossed.items()}
+    memory.write(pack_image(identity, Image(values=values)))
+    node = StimulatorNode(od, plate_node_id=PLATE_ID, lockstep=True, storage=memory)
+    line = Line(PlateNode(plate_od()), node)
+    assert od["Limit.Lowest frequency"].value == od["Limit.Lowest frequency"].default
+    sent = [frame.data[:2] for frame in line.frames if frame.can_id == 0xA0]
+    assert sent == [(0x5530).to_bytes(2, "little")]
+    line.nmt(START)
+    line.sync(70)
+    line.run(line.nodes[1], 1)
