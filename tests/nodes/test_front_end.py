@@ -18,11 +18,12 @@ from line import (
     cycle,
     drive,
     emergencies,
+    plate_alone,
     stage,
     tick_of,
 )
 
-from smarttac_can.bench.simulation import PLATE_ID, plate_od
+from smarttac_can.bench.simulation import plate_od
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.plant.finger import Lifted
@@ -91,9 +92,8 @@ class Hardware:
 
 def ready(front_end: Any) -> tuple[Line, PlateNode]:
     """A plate node that has had tick 0 and 0 V."""
-    plate = PlateNode(plate_od(), front_end=front_end, deadline_ms=3)
-    line = Line(plate)
-    line.nmt(START, PLATE_ID)
+    line, plate = plate_alone(front_end=front_end)
+    line.nmt(START)
     cycle(line, plate, 0)
     return line, plate
 
@@ -376,8 +376,7 @@ def test_before_it_was_heard_the_stage_takes_no_voltage() -> None:
 @pytest.mark.parametrize(("missing", "sound"), [(0, 1), (1, 1), (2, 20), (5, 20)])
 def test_a_first_measurement_may_come_a_cycle_late(missing: int, sound: int) -> None:
     fake = Fake()
-    plate = PlateNode(plate_od(), front_end=fake, deadline_ms=3)
-    line = Line(plate)
+    line, plate = plate_alone(front_end=fake)
     line.nmt(START)
     good, fake.answer = fake.answer, lambda: None
     line.sync(missing)
@@ -468,8 +467,7 @@ def test_objects_of_the_simulation_are_refused_but_start_run() -> None:
 
 
 def test_the_first_session_is_drawn_elsewhere() -> None:
-    plate = PlateNode(plate_od(), front_end=Fake(), session=77)
-    line = Line(plate)
+    line, plate = plate_alone(front_end=Fake(), session=77)
     for session in (77, 78):
         line.nmt(PREOP)
         line.nmt(START)

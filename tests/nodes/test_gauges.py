@@ -6,8 +6,8 @@ import math
 import random
 
 import pytest
+from inside import Loop
 
-from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.plant.faults import Fault
@@ -15,7 +15,7 @@ from smarttac_can.plant.finger import Trajectory
 from smarttac_can.trials.fault_cases import DRIVING, REGULATED
 from smarttac_can.vocabulary.faults import FaultKind
 from smarttac_can.vocabulary.meanings import AUTO_ZERO, RECORDED, START_RUN, STROKE, ZERO
-from smarttac_can.vocabulary.states import Control, Mode, State
+from smarttac_can.vocabulary.states import Mode, State
 from smarttac_can.vocabulary.textures import Axis, TextureTable
 from smarttac_can.vocabulary.watchdogs import Watchdog
 
@@ -31,27 +31,23 @@ def driven(
     mode: Mode, recording: Trajectory | None = None, **objects: int
 ) -> tuple[StimulatorBlock, PlateBlock]:
     """A stimulator with the plate inside, tared, which begins to drive; no finger yet."""
-    plate = PlateBlock(plate_od(), recording)
-    block = StimulatorBlock(stimulator_od(), plate)
+    loop = Loop(recording)
     objects = {
-        "Setpoint.Voltage": 2000,
         "Setpoint.Amplitude": 1000,
         "Setpoint.COF left": 2500,
         "Setpoint.COF right": 2500,
         **{name.replace("__", ".").replace("_", " "): raw for name, raw in objects.items()},
     }
     for name, raw in objects.items():
-        block.write(name, raw)
-    block.write("Texture table.Table 1", GRATING.pack())
-    block.write(START_RUN, 1)
-    ticks(block, 70)
-    block.write(AUTO_ZERO[0], ZERO)
+        assert loop.write(name, raw) == 0
+    assert loop.write("Texture table.Table 1", GRATING.pack()) == 0
+    assert loop.write(START_RUN, 1) == 0
+    loop.tick(70)
+    assert loop.write(AUTO_ZERO[0], ZERO) == 0
     # The tare at power-on is made within a cycle, whose gauges are off by its zero.
-    ticks(block, 21)
-    for word in (0, Control.ARM, Control.ARM | Control.RUN):
-        block.write("Controlword", word)
-    block.write("Mode", mode)
-    return block, plate
+    loop.tick(21)
+    loop.run(mode)
+    return loop.block, loop.plate
 
 
 def ticks(block: StimulatorBlock, count: int) -> None:

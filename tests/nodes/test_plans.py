@@ -6,6 +6,7 @@ import pytest
 from driven import driven, write, write_entry
 from hypothesis import given
 from hypothesis import strategies as st
+from inside import Loop
 
 from smarttac_can.bench.simulation import STIMULATOR_ID, plate_od, stimulator_od
 from smarttac_can.control import design
@@ -31,7 +32,7 @@ from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.meanings import AUTO_ZERO, ZERO
 from smarttac_can.vocabulary.model import PlateModel
-from smarttac_can.vocabulary.states import Control, IdentificationState, Mode
+from smarttac_can.vocabulary.states import IdentificationState, Mode
 
 OD = stimulator_od()
 SETTINGS = [
@@ -155,19 +156,11 @@ def test_what_follows_from_each_parameter(entry: Entry) -> None:
 
 def driving() -> StimulatorBlock:
     """A loop with the plate inside that tracks amplitude and resonance."""
-    block = StimulatorBlock(stimulator_od(), PlateBlock(plate_od()))
-    for _ in range(70):
-        block.tick()
-    for name, raw in (
-        ("Setpoint.Amplitude", 1000),
-        ("Controlword", Control.ARM),
-        ("Controlword", Control.ARM | Control.RUN),
-        ("Mode", Mode.AMPLITUDE_RESONANCE),
-    ):
-        block.write(name, raw)
-    for _ in range(100):
-        block.tick()
-    return block
+    loop = Loop()
+    assert loop.write("Setpoint.Amplitude", 1000) == 0
+    loop.run(Mode.AMPLITUDE_RESONANCE)
+    loop.tick(100)
+    return loop.block
 
 
 @pytest.mark.parametrize(

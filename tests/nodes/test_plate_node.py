@@ -11,7 +11,6 @@ from line import (
     RESET_COMMUNICATION,
     START,
     STOP,
-    Line,
     cycle,
     drive,
     driven_plate,
@@ -21,10 +20,9 @@ from line import (
     stage,
 )
 
-from smarttac_can.bench.simulation import PLATE_ID, plate_od
+from smarttac_can.bench.simulation import PLATE_ID
 from smarttac_can.device.frame import Frame
 from smarttac_can.nodes.plate_block import SimulatedPlate
-from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.plant.finger import Trajectory
 
 STATE = 0x08000022
@@ -237,8 +235,7 @@ def test_sdo_between_the_ticks_changes_nothing() -> None:
 
 def test_recorded_finger() -> None:
     finger = Trajectory([(0.0, 0.0, 0.8), (1.0, 0.0, 0.8)])
-    plate = PlateNode(plate_od(), {"Finger.Motion": 2}, finger)
-    line = Line(plate)
+    line, plate = plate_alone(presets={"Finger.Motion": 2}, recording=finger)
     line.nmt(START)
     line.sync(100)
     pressed = sum(plate.od[f"Gauge.S{n}"].value for n in (3, 4, 5, 6))
