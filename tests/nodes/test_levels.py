@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
-from driven import SETPOINT_DEADLINE_MS, driven, driven_within, write, write_entry
+from driven import SETPOINT_DEADLINE_MS, driven, driven_within, write
 
-from smarttac_can.bench.simulation import PLATE_ID
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.faulty_bus import FrameFault
 from smarttac_can.trials.fault_cases import (
-    DRIVE,
     MEASUREMENTS,
     calm,
     disturb,
@@ -21,7 +19,7 @@ from smarttac_can.trials.fault_cases import (
 from smarttac_can.trials.rig import Rig
 from smarttac_can.vocabulary.faults import PICKUP_D, PICKUP_Q, FaultKind
 from smarttac_can.vocabulary.states import Mode, State
-from smarttac_can.vocabulary.watchdogs import COUNTED, PLATE_COUNTED, Watchdog
+from smarttac_can.vocabulary.watchdogs import COUNTED, Watchdog
 
 LOSE_MEASUREMENTS = disturb(FrameFault.LOSS, *MEASUREMENTS)
 
@@ -29,11 +27,6 @@ LOSE_MEASUREMENTS = disturb(FrameFault.LOSS, *MEASUREMENTS)
 def of(rig: Rig, watchdog: Watchdog) -> float:
     """Level of one watchdog of the stimulator."""
     return dict(zip(COUNTED, rig.stimulator.levels(), strict=True))[watchdog]
-
-
-def of_plate(rig: Rig, watch: str) -> float:
-    """Level of one watch of the plate."""
-    return dict(zip(PLATE_COUNTED, rig.plate.levels(), strict=True))[watch]
 
 
 def until_it_trips(rig: Rig, watchdog: Watchdog) -> list[float]:
@@ -175,35 +168,6 @@ def test_master_that_rests() -> None:
     assert of(rig, Watchdog.HEARTBEAT) == pytest.approx(0.9, abs=0.02)
 
 
-def test_drives_that_do_not_come() -> None:
-    rig = driven_within(20)
-    assert of_plate(rig, "deadline") == pytest.approx(1 / 20)
-    disturb(FrameFault.LOSS, DRIVE)(rig)
-    rig.cycle(18)
-    assert rig.state is State.RUNNING
-    assert of_plate(rig, "deadline") == pytest.approx(19 / 20)
-
-
-def test_drives_with_a_wrong_check() -> None:
-    rig = driven_within(20)
-    disturb(FrameFault.CORRUPTION, DRIVE)(rig)
-    rig.cycle(2)
-    calm(rig)
-    assert of_plate(rig, "wrong checks") == pytest.approx(2 / 3)
-    rig.cycle()
-    assert rig.stage.read() > 0
-
-
-def test_limits_of_the_plate() -> None:
-    rig = driven()
-    for name, raw in (("Limit.Voltage", 4100), ("Limit.Temperature", 2100)):
-        assert write_entry(rig, rig.plate.od[name], raw, PLATE_ID) == 0
-    rig.cycle()
-    assert rig.state is State.RUNNING
-    assert of_plate(rig, "voltage") == pytest.approx(40.0 / 41.0)
-    assert of_plate(rig, "temperature") == pytest.approx(20.0 / 21.0, rel=0.01)
-
-
 @pytest.mark.parametrize("mode", [Mode.OPEN_LOOP, Mode.FRICTION])
 def test_sound_run_is_far_from_every_fault(mode: Mode) -> None:
     rig = driven(mode)
@@ -212,5 +176,4 @@ def test_sound_run_is_far_from_every_fault(mode: Mode) -> None:
         levels = dict(zip(COUNTED, rig.stimulator.levels(), strict=True))
         assert levels[Watchdog.MEASUREMENT] == levels[Watchdog.SYNC_LOST] == pytest.approx(1 / 3)
         assert levels[Watchdog.SETPOINT] == pytest.approx(1 / 5)
-        assert of_plate(rig, "deadline") == pytest.approx(1 / 3)
         assert max(levels[w] for w in COUNTED if w is not Watchdog.VOLTAGE) <= 0.5

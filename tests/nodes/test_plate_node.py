@@ -23,7 +23,9 @@ from line import (
 from smarttac_can.bench.simulation import PLATE_ID
 from smarttac_can.device.frame import Frame
 from smarttac_can.nodes.plate_block import SimulatedPlate
+from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.plant.finger import Trajectory
+from smarttac_can.vocabulary.watchdogs import PLATE_COUNTED
 
 STATE = 0x08000022
 
@@ -256,12 +258,32 @@ def test_reset_restores_defaults_and_presets() -> None:
     assert plate.od["Simulation.Subject"].value == 1
 
 
+def levels(plate: PlateNode) -> dict[str, float]:
+    return dict(zip(PLATE_COUNTED, plate.levels(), strict=True))
+
+
 def test_levels_of_a_drive_without_a_deadline() -> None:
     """With 1400h sub-index 5 at 0 a drive is in force for no time at all."""
     line, plate = ready_plate()
     assert line.write_entry(plate, plate.od.entry(0x1400, 5), 0) == 0
     line.send(drive(2000, 0))
-    assert plate.levels()[0] == 1.0
+    assert levels(plate)["deadline"] == 1.0
     line.sync()
     assert stage(plate) == 0
-    assert plate.levels()[0] == 0.0
+    assert levels(plate)["deadline"] == 0.0
+
+
+def test_each_level_of_the_plate_is_that_of_its_watch() -> None:
+    line, plate = driven_plate()
+    for name in ("Voltage", "Temperature"):
+        assert line.write(plate, f"Limit.{name}", 2100) == 0
+    strange = drive(2000, 0, source=40)
+    assert cycle(line, plate, 20, strange, strange) == 20
+    assert levels(plate) == {
+        "deadline": pytest.approx(1 / 3),
+        "wrong checks": pytest.approx(2 / 3),
+        "temperature": pytest.approx(20 / 21, rel=0.01),
+        "voltage": pytest.approx(20 / 21),
+    }
+    line.sync()
+    assert levels(plate)["deadline"] == pytest.approx(2 / 3)
