@@ -46,9 +46,6 @@ class Watch:
 
     def __init__(self, od: ObjectDictionary | None = None, deadline_ms: int = 3) -> None:
         self.plan = plan_of(stimulator_od() if od is None else od, deadline_ms)
-        self.reset()
-
-    def reset(self) -> None:
         self.state = at_rest(self.plan)
         self.in_force = UNDRIVEN
         self._cycle = 0

@@ -5,14 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from driven import driven, write_entry
 from hypothesis import given
 from hypothesis import strategies as st
 from line import Line
 
 from smarttac_can.bench.network import LocalNetwork
 from smarttac_can.bench.simulation import (
-    PLATE_ID,
     STIMULATOR_ID,
     plate_od,
     stimulator_od,
@@ -29,8 +27,8 @@ from smarttac_can.nodes.loop_frames import (
     sent_drive,
     sent_measurement,
 )
+from smarttac_can.od.dictionary import ObjectDictionary
 
-READ_ONLY = 0x06010002
 OF_STIMULATOR = (0x1604, 0x1605, 0x1606, 0x1A04)
 OF_PLATE = (0x1600, 0x1A00, 0x1A01, 0x1A02)
 DRIVE = [("Voltage", 2), ("Frequency", 4), ("Tick", 1), ("Check", 1)]
@@ -51,29 +49,15 @@ def test_both_ends_carry_the_same() -> None:
 
 
 @pytest.mark.parametrize(
-    ("node_id", "index"),
-    [
-        *((STIMULATOR_ID, index) for index in OF_STIMULATOR),
-        *((PLATE_ID, index) for index in OF_PLATE),
-    ],
-    ids=lambda value: f"{value:X}",
+    ("od", "records"), [(stimulator_od(), OF_STIMULATOR), (plate_od(), OF_PLATE)]
 )
-def test_a_mapping_of_the_loop_is_constant_also_where_its_pdo_is_off(
-    node_id: int, index: int
+def test_the_mappings_of_the_loop_are_constant(
+    od: ObjectDictionary, records: tuple[int, ...]
 ) -> None:
-    rig = driven()
-    rig.nmt(0x80)
-    od = rig.od if node_id == STIMULATOR_ID else rig.plate.od
-    cob_id = od.entry(index - 0x200, 1)
-    assert write_entry(rig, od.entry(0x1017, 0), 0, node_id) == 0
-    assert write_entry(rig, cob_id, cob_id.value | 1 << 31, node_id) == 0
-    record = od.objects[index].entries
-    assert len(record) == record[0].value + 1
-    for entry in record.values():
-        before = entry.value
-        assert write_entry(rig, entry, 0, node_id) == READ_ONLY
-        assert write_entry(rig, entry, before, node_id) == READ_ONLY
-        assert entry.value == before
+    for index in records:
+        record = od.objects[index].entries
+        assert len(record) == record[0].value + 1
+        assert {entry.access for entry in record.values()} == {"const"}
 
 
 def test_python_canopen_saves_all_pdos_and_leaves_the_constant_ones() -> None:

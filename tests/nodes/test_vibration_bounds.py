@@ -347,14 +347,6 @@ def test_after_a_hop_of_the_frequency_in_open_loop_nothing_is_lacking_for_8_cycl
     assert first(PICKUP, found) == cycles
 
 
-def test_a_watch_that_was_reset_knows_of_no_hop() -> None:
-    watch = settled(watch_of(), 5.0)
-    watch.drive(100.0, 43_000.0)
-    watch.reset()
-    settled(watch, 5.0)
-    assert cycles_to(PICKUP, watch, 1.0, mode=OPEN_LOOP) == 20
-
-
 def test_nothing_is_missed_below_200_nm_or_while_identifying() -> None:
     # 5 V make 250 nm, of which at least 186 nm are left; 6 V make 300 nm and 223 nm.
     for volts, cycles in ((5.0, 0), (6.0, 20)):
@@ -445,18 +437,6 @@ def test_too_little_that_comes_and_goes_is_counted_and_forgotten_after_20_sound_
     assert reads(watch, *[1.0] * 19, 5.0, 1.0, 1.0) == [False] * 21 + [True]
     watch = settled(watch_of(), 5.0)
     assert not any(reads(watch, *([1.0] + [5.0] * 20) * 30))
-
-
-def test_a_watch_that_was_reset_has_seen_nothing() -> None:
-    watch = settled(watch_of(), turned(2.0, 60))
-    watch.limit_bound(1.0)
-    seen(watch, 4, turned(0.1, 60), mode=TRACKED)
-    watch.reset()
-    assert bound_um(watch) == 0.0
-    assert watch.state.vibration.E == 0.0
-    for _ in range(3):
-        assert watch.look(0j, pressing(0.0), 20.0, TRACKED) == 0
-        assert watch.state.vibration[:4] == (0j, 0.0, 0.0, 0.0)
 
 
 def test_cycles_without_a_vibration_do_not_count_for_the_resonance() -> None:
@@ -569,13 +549,15 @@ def test_the_bound_has_the_frequency_that_may_still_be_in_force() -> None:
     assert hop(settled_at(off), *[(at, True)] * 20) == pytest.approx(3.0, abs=1e-3)
 
 
-def test_a_watch_that_was_reset_knows_of_no_late_drive() -> None:
-    watch = after(settled(watch_of(), 5.0), (20.0, True))
-    watch.reset()
-    assert most_and_least(watch) == (0.0, 0.0)
-    assert most_and_least(after(watch, (30.0, False))) == (30.0, 30.0)
-    watch.reset()
-    assert most_and_least(after(watch, (0.5, True))) == (0.5, 0.0), "the plate was at rest"
+def test_before_the_first_drive_the_plate_is_at_rest() -> None:
+    assert most_and_least(watch_of()) == (0.0, 0.0)
+    assert most_and_least(after(watch_of(), (30.0, False))) == (30.0, 30.0)
+    assert most_and_least(after(watch_of(), (0.5, True))) == (0.5, 0.0)
+    watch = watch_of()
+    assert bound_um(watch) == 0.0
+    for _ in range(3):
+        assert watch.look(0j, pressing(0.0), 20.0, TRACKED) == 0
+        assert watch.state.vibration[:4] == (0j, 0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("ticks", [2, 3, 14])

@@ -168,11 +168,9 @@ def test_only_the_plate_of_the_calibration_will_do() -> None:
 
 
 def test_a_stuck_sensor_is_told_from_a_quiet_one() -> None:
-    watch = Watch()
-
     def stuck(sensor: int, rest: int = 7) -> int:
         """Cycles until a sensor whose count stays is stuck."""
-        watch.reset()
+        watch = Watch()
         for cycles in range(1, 200):
             counts = [3 * cycles] * 9
             # A count or two of noise is no movement; the thermometer has none.
