@@ -89,18 +89,18 @@ def plate_alone(**options: object) -> tuple[Line, PlateNode]:
     return Line(node), node
 
 
-def ready_plate() -> tuple[Line, PlateNode]:
+def ready_plate(**options: object) -> tuple[Line, PlateNode]:
     """A plate that has had tick 0, and 0 V."""
-    line, plate = plate_alone()
+    line, plate = plate_alone(**options)
     line.nmt(START)
     line.sync()
     line.send(drive(0, 255))
     return line, plate
 
 
-def driven_plate() -> tuple[Line, PlateNode]:
+def driven_plate(**options: object) -> tuple[Line, PlateNode]:
     """A plate that puts out 20 V since tick 0."""
-    line, plate = ready_plate()
+    line, plate = ready_plate(**options)
     line.send(drive(2000, 0))
     assert stage(plate) == 2000
     return line, plate

@@ -19,6 +19,7 @@ from line import (
     drive,
     emergencies,
     plate_alone,
+    ready_plate,
     stage,
     tick_of,
 )
@@ -90,17 +91,9 @@ class Hardware:
         pass
 
 
-def ready(front_end: Any) -> tuple[Line, PlateNode]:
-    """A plate node that has had tick 0 and 0 V."""
-    line, plate = plate_alone(front_end=front_end)
-    line.nmt(START)
-    cycle(line, plate, 0)
-    return line, plate
-
-
 def driven() -> tuple[Line, PlateNode, Fake]:
     fake = Fake()
-    line, plate = ready(fake)
+    line, plate = ready_plate(front_end=fake)
     assert cycle(line, plate, 20) == 20
     assert fake.told[-1] == 20
     assert not emergencies(line)
@@ -363,7 +356,7 @@ def test_what_numpy_measures_is_a_measurement() -> None:
 def test_before_it_was_heard_the_stage_takes_no_voltage() -> None:
     fake = Fake()
     fake.answer = lambda: None
-    line, plate = ready(fake)
+    line, plate = ready_plate(front_end=fake)
     assert plate.block.inhibited, "after the first cycle, which could pass later"
     for volts in (0, 20, 20):
         assert cycle(line, plate, volts) == 0

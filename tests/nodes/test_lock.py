@@ -175,6 +175,7 @@ def test_what_is_protected_and_how(
         else:
             expected = [False] * 5
         assert laxer == expected, entry.name
+        assert (entry in stricter.rules) == any(expected)
         found |= places
     assert other | higher | lower | longer <= found
 

@@ -14,22 +14,20 @@ from line import (
     MEASUREMENT,
     PREOP,
     START,
-    Line,
     drive,
     driven_both,
+    driven_plate,
     measurement,
     stage,
 )
 
-from smarttac_can.bench.simulation import PLATE_ID, plate_od, stimulator_od
+from smarttac_can.bench.simulation import PLATE_ID, stimulator_od
 from smarttac_can.host.faulty_bus import FrameFault
 from smarttac_can.master import requests
 from smarttac_can.nodes.bus_loop import LateAnswers
-from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import Abort
 from smarttac_can.trials.fault_cases import calm, disturb
-from smarttac_can.trials.rig import Rig
 from smarttac_can.vocabulary.states import Mode, State
 from smarttac_can.vocabulary.watchdogs import UNSEEN_CYCLES, WATCHDOGS, Watchdog
 
@@ -37,21 +35,11 @@ DEFAULT_US = 20_000
 SAVE = int.from_bytes(b"save", "little")
 
 
-def driven_plate(**options: int) -> PlateNode:
-    plate = PlateNode(plate_od(), **options)
-    plate.start()
-    for frame in (requests.nmt(START), requests.sync(), drive(0, 0), requests.sync()):
-        plate.receive(frame)
-    plate.receive(drive(2000, 1))
-    assert stage(plate) == 2000
-    return plate
-
-
-@pytest.mark.parametrize(("options", "deadline_us"), [({}, DEFAULT_US), ({"deadline_ms": 3}, 3000)])
+@pytest.mark.parametrize(("deadline_ms", "deadline_us"), [(None, DEFAULT_US), (3, 3000)])
 def test_a_plate_without_drives_is_at_0_v_to_the_microsecond(
-    options: dict[str, int], deadline_us: int
+    deadline_ms: int | None, deadline_us: int
 ) -> None:
-    plate = driven_plate(**options)
+    _, plate = driven_plate(deadline_ms=deadline_ms)
     plate.advance(deadline_us - 1)
     assert stage(plate) == 2000
     plate.advance(1)
@@ -60,16 +48,9 @@ def test_a_plate_without_drives_is_at_0_v_to_the_microsecond(
 
 
 def test_a_deadline_is_another_from_the_write_on_but_counts_from_the_last_drive() -> None:
-    plate = driven_plate()
-    line = Line(plate)
-    entry = plate.od.entry(0x1400, 5)
-    plate.receive(requests.nmt(START))
-    for tick in range(2):
-        plate.receive(requests.sync())
-        plate.receive(drive(2000 * tick, tick))
-    assert stage(plate) == 2000
+    line, plate = driven_plate(deadline_ms=None)
     plate.advance(4000)
-    assert line.write_entry(plate, entry, 5) == 0
+    assert line.write_entry(plate, plate.od.entry(0x1400, 5), 5) == 0
     plate.advance(999)
     assert stage(plate) == 2000
     plate.advance(1)
@@ -77,14 +58,14 @@ def test_a_deadline_is_another_from_the_write_on_but_counts_from_the_last_drive(
 
 
 def test_a_plate_that_comes_late_is_at_0_v_before_it_hears_what_waited() -> None:
-    plate = driven_plate()
+    _, plate = driven_plate(deadline_ms=None)
     plate.clock.now += DEFAULT_US - 1
     assert plate.overdue() == []
     assert stage(plate) == 2000
     plate.clock.now += 1
     plate.overdue()
     assert stage(plate) == 0
-    for frame in (drive(2000, 1), requests.sync(), drive(2000, 2)):
+    for frame in (drive(2000, 0), requests.sync(), drive(2000, 1)):
         plate.receive(frame)
         assert stage(plate) == 0, "the queue is full of sound drives"
 
@@ -157,18 +138,11 @@ def test_the_stimulator_says_that_the_drives_were_late_when_the_plate_does() -> 
     assert MEASUREMENT[0] in [frame.can_id for frame in line.sync()], "the loop goes on at 0 V"
 
 
-def rig_that_may_be_late(mode: Mode = Mode.AMPLITUDE) -> Rig:
-    return driven_within(20, mode)
-
-
-lose_drives = disturb(FrameFault.LOSS, DRIVE)
-
-
 @pytest.mark.parametrize(("amplitude", "lost"), [(100, 10), (100, 17), (1500, 17)])
 def test_drives_that_are_late_are_no_fault_before_the_deadline(amplitude: int, lost: int) -> None:
-    rig = rig_that_may_be_late()
+    rig = driven_within(20, Mode.AMPLITUDE)
     rig.write("Setpoint.Amplitude", amplitude)
-    lose_drives(rig)
+    disturb(FrameFault.LOSS, DRIVE)(rig)
     rig.cycle(lost)
     calm(rig)
     rig.cycle(50)
@@ -206,7 +180,7 @@ SYNC: tuple[str, Any] = ("sync", None)
 @given(st.lists(WAIT | ANSWER | NMT | st.just(SYNC), max_size=60))
 @example([("wait", 999), ("drive", (0, 3)), SYNC, SYNC, ("drive", (2000, 1)), ("wait", 2001)])
 def test_no_voltage_lasts_longer_than_the_deadline_after_a_drive_in_time(acts: list[Any]) -> None:
-    plate = driven_plate(deadline_ms=3)
+    _, plate = driven_plate()
     in_time = plate.clock.now
     for kind, what in acts:
         if kind == "wait":
