@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
-from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import LogHook
 from smarttac_can.od.cia import Abort, NMTCommand
 from smarttac_can.od.entry import Entry
@@ -71,9 +70,3 @@ def reset_fault(rig: Rig) -> int:
     """Disarm and reset the fault; return the abort code, 0 for success."""
     assert write(rig, "Controlword", 0) == 0
     return write(rig, "Controlword", FAULT_RESET)
-
-
-def emergency_codes(frames: list[Frame], node_id: int = STIMULATOR_ID) -> list[int]:
-    """Codes of the emergency messages of a node among frames."""
-    sent = [frame.data for frame in frames if frame.can_id == 0x80 + node_id]
-    return [int.from_bytes(data[:2], "little") for data in sent]

@@ -201,10 +201,14 @@ def tick_of(plate: PlateNode) -> int:
     return int(plate.od["Vibration.Tick"].value)
 
 
+def emergency_codes(frames: list[Frame], can_id: int) -> list[int]:
+    """Codes of the emergency messages of a node among frames."""
+    return [int.from_bytes(frame.data[:2], "little") for frame in frames if frame.can_id == can_id]
+
+
 def emergencies(line: Line, can_id: int = EMCY_PLATE) -> list[int]:
     """Codes of the emergency messages so far, by default of the plate."""
-    sent = [frame.data for frame in line.frames if frame.can_id == can_id]
-    return [int.from_bytes(data[:2], "little") for data in sent]
+    return emergency_codes(line.frames, can_id)
 
 
 def cycle(line: Line, plate: PlateNode, volts: float, *hardware: Frame) -> float:

@@ -8,8 +8,8 @@ from __future__ import annotations
 import random
 
 import pytest
-from driven import STATE, emergency_codes, reset_fault, write
-from line import EMCY_STIMULATOR
+from driven import STATE, reset_fault, write
+from line import EMCY_STIMULATOR, emergency_codes
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.od.cia import NMTCommand
@@ -242,12 +242,12 @@ def assert_reset_when_over(rig: Rig, case: FaultCase, mode: Mode, frames: list[F
     rig.configure()
     rig.cycle(130)
     if watchdog is not None and case.name not in LOST:
-        assert WATCHDOGS[watchdog].code in emergency_codes(frames)
+        assert WATCHDOGS[watchdog].code in emergency_codes(frames, EMCY_STIMULATOR)
     if not case.forgets:
         before = len(frames)
         assert rig.state is State.FAULT
         assert reset_fault(rig) == 0, bin(rig.od["Diagnosis.Present"].value)
-        assert 0 in emergency_codes(frames[before:])
+        assert 0 in emergency_codes(frames[before:], EMCY_STIMULATOR)
     assert rig.state is not State.FAULT
     assert rig.od["Diagnosis.Code"].value == rig.od["Diagnosis.Latched"].value == 0
     assert write(rig, "Controlword", 0) == 0
