@@ -74,12 +74,13 @@ def test_the_first_drive_of_0_v_names_the_stimulator_until_a_reset() -> None:
     line.sync()
     line.send(drive(1000, 1, source=32))
     assert stage(plate) == 2000, "another one's is none"
-    line.nmt(RESET_COMMUNICATION)
-    line.nmt(START)
-    line.sync()
-    now = tick_of(plate)
-    line.send(drive(0, 99, session=1), drive(1000, now, session=1))
-    assert stage(plate) == 1000
+    for session, command, voltage in ((1, PREOP, 0), (2, RESET_COMMUNICATION, 1000)):
+        line.nmt(command)
+        line.nmt(START)
+        line.sync()
+        now = tick_of(plate)
+        line.send(drive(0, 99, session=session), drive(1000, now, session=session))
+        assert stage(plate) == voltage
 
 
 def test_a_plate_that_was_reset_is_driven_again_whatever_its_stimulator_says_meanwhile() -> None:
