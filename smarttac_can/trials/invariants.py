@@ -163,7 +163,7 @@ class TripCause:
     Parameters
     ----------
     rig
-        Rig whose true vibration is checked, not the reading of its pick-up.
+        Rig whose true vibration over the pick-up's window is checked, not its reading.
     """
 
     def __init__(self, rig: Driven) -> None:
@@ -177,7 +177,7 @@ class TripCause:
 
     def look(self) -> None:
         """Check the vibration of a cycle."""
-        W = self._block.plate.W
+        W = self._block.plate.seen_W
         trip = self._trip
         if abs(W) > trip.value * trip.si - _NOISE_M:
             self._above.append(self._rig.cycles)

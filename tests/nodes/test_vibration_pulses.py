@@ -145,7 +145,7 @@ def test_only_the_phase_under_a_voltage_shows_whether_the_resonance_is_lost(
     nobody = Contact(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, touching=False)
     tripped = 0
     for cycle in range(1, 1000):
-        volts, W = (100.0, driven) if cycle % 2 else (0.0, decaying)
+        volts, W = (0.5, driven) if cycle % 2 else (0.0, decaying)
         watch.drive(volts)
         if watch.look(W * 1e-6, nobody, 20.0, AMPLITUDE_RESONANCE) >> Watchdog.RESONANCE & 1:
             tripped = cycle
