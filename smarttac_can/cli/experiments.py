@@ -358,16 +358,14 @@ def campaign(
     if output is not None:
         need_matplotlib()
     kept = _kept_in(resume, campaigns)
-    made = [json_file, *(output / name for name in CAMPAIGN_FILES if output is not None)]
-    refuse_own_files(kept, made, "--resume")
+    made = [] if output is None else [output / name for name in CAMPAIGN_FILES]
+    refuse_own_files(kept, [json_file, *made], "--resume")
     _warn_if_slow()
     with reporting(json_file, ClusterError, RecordError) as write_results, ExitStack() as stack:
         folder = (
             None if output is None else stack.enter_context(result_folder(output, CAMPAIGN_FILES))
         )
-        records: list[Record | None] = [None] * len(campaigns)
-        for number, file in enumerate(kept):
-            records[number] = stack.enter_context(Record(file, campaigns[number]))
+        records = _records(stack, kept, campaigns)
         progress = stack.enter_context(progress_bar("campaign"))
         results = [
             run_campaign(
@@ -435,3 +433,10 @@ def _kept_in(resume: Path | None, campaigns: list[Campaign]) -> list[Path]:
         return [resume]
     laws = (f"{one.law.name}-{one.vibration_law.name}".lower() for one in campaigns)
     return [resume.with_name(f"{resume.name}.{name}") for name in laws]
+
+
+def _records(stack: ExitStack, kept: list[Path], campaigns: list[Campaign]) -> list[Record | None]:
+    """Open the files; None for each campaign if there are none."""
+    if not kept:
+        return [None] * len(campaigns)
+    return [stack.enter_context(Record(*pair)) for pair in zip(kept, campaigns, strict=True)]
