@@ -325,11 +325,11 @@ def plate_step(
 def measured(plan: PlatePlan, state: PlateState, noise: Sequence[float]) -> MeasurementFields:
     """Return what the sensors report; the arguments are those of `plate_step`."""
     motion, Fn, _, moment, _, temperature, _ = state
-    W = seen(plan.coefficients, motion)
+    W = seen_W(plan.coefficients, motion)
     return readings(plan.sensing, noise, W, temperature, (motion.Fx, Fn, moment))
 
 
-def seen(coefficients: Coefficients, motion: Motion) -> complex:
+def seen_W(coefficients: Coefficients, motion: Motion) -> complex:
     """Return the vibration that the pick-up sees, before its noise and faults, in m."""
     return motion.W if coefficients.exact else motion.pickup.seen
 

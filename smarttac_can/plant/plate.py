@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from smarttac_can.plant.faults import SOUND, Failing, Fault, SensorFault, Slam, broken
 from smarttac_can.plant.finger import Finger, FingerState
-from smarttac_can.plant.motion import PlatePlan, at_rest, coefficients, measured, plate_step, seen
+from smarttac_can.plant.motion import (
+    PlatePlan,
+    at_rest,
+    coefficients,
+    measured,
+    plate_step,
+    seen_W,
+)
 from smarttac_can.plant.parameters import PlateParameters, require
 from smarttac_can.plant.sensors import Noise, Sensing, Weight, loaded, sensing
 from smarttac_can.plant.subjects import Subject
@@ -118,7 +125,7 @@ class Plate:
     @property
     def seen_W(self) -> complex:
         """Vibration that the pick-up sees, before its noise and faults, in m peak-to-peak."""
-        return seen(self._plan.coefficients, self._state.motion)
+        return seen_W(self._plan.coefficients, self._state.motion)
 
     @property
     def temperature(self) -> float:
