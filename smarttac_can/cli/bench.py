@@ -424,9 +424,9 @@ def selftest(*, at: StimulatorChoice, lockstep: bool, json_file: Path | None) ->
     with reporting(json_file) as write_results, ExitStack() as stack:
         stimulator = stack.enter_context(at.connect(lockstep=lockstep))
         serial = round(stimulator.get("Calibration.Plate serial number"))
-        touched = bool(round(stimulator.get("Statusword")) & Status.TOUCHING)
+        touched = _touched(stimulator)
         checks = judge(stimulator, lambda check: click.echo(_check_line(check), err=True))
-        touched |= bool(round(stimulator.get("Statusword")) & Status.TOUCHING)
+        touched |= _touched(stimulator)
         failed = [check for check in checks if not check.passed]
         results = {
             "version": __version__,
@@ -440,6 +440,10 @@ def selftest(*, at: StimulatorChoice, lockstep: bool, json_file: Path | None) ->
             click.echo("a finger touches the plate: lift it, and repeat", err=True)
     if failed:
         raise click.exceptions.Exit(1)
+
+
+def _touched(stimulator: Stimulator) -> bool:
+    return bool(round(stimulator.get("Statusword")) & Status.TOUCHING)
 
 
 def _verdict(checks: list[Check], failed: list[Check]) -> str:

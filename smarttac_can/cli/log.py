@@ -204,14 +204,13 @@ def log(file: Path | None, eds_files: dict[int, Path], bus: BusChoice) -> None:
     FILE is a candump, ASC, BLF, CSV or TRC. Identifiers and mappings are those of the EDS files:
     what a master changes is not followed. Times are in s, from the first frame on.
     """
-    with plain_errors():
+    with plain_errors(ValueError):
         text = FrameText(_nodes(eds_files))
         first: int | None = None
-        with plain_errors(ValueError):
-            for time, frame in read_log(file, _on_cut) if file else _live(bus):
-                first = time if first is None else first
-                where = f"{(time - first) * 1e-6:12.6f}  {frame.can_id:03X}"
-                click.echo(f"{where}  {one_line(text.of(frame))}")
+        for time, frame in read_log(file, _on_cut) if file else _live(bus):
+            first = time if first is None else first
+            where = f"{(time - first) * 1e-6:12.6f}  {frame.can_id:03X}"
+            click.echo(f"{where}  {one_line(text.of(frame))}")
 
 
 def _on_cut(line: str) -> None:

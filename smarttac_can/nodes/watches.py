@@ -368,7 +368,7 @@ def _at_once(plan: WatchPlan, seen: Seen, rests: tuple[int, ...]) -> int:
 
 def _undecided(vibration: Vibration, in_force: InForce, amplitude: float, mode: int) -> int:
     """Return the bits of the counts for which this cycle cannot be judged."""
-    # No vibration has no known phase; one that decays at 0 V has a frequency of its own.
+    # Without a vibration there is no phase; while it decays at 0 V it turns at its own frequency.
     phased = amplitude > AMPLITUDE_MIN and in_force.drive.voltage > 0.0
     held = 0 if phased else _RESONANCE
     # With a wrong phase the loop hunts in frequency, so only open-loop steps of it are excused.

@@ -479,12 +479,10 @@ def _stepped(
     for _ in range(number):
         if softening:
             # Of second order: the stiffness of a sub-step is that of its mean amplitude.
-            fallen = max(resonance - softening * size, LEAST_RESONANCE * resonance)
-            softer = stiffness_of(mass, fallen) + c_finger
+            softer = stiffness_of(mass, _fallen(resonance, softening * size)) + c_finger
             mode = _driven(mass, length, omega, force, damping, softer)
             mean = 0.5 * softening * (size + abs(vibrate(mode.step, W, rate)[0]))
-            fallen = max(resonance - mean, LEAST_RESONANCE * resonance)
-            softer = stiffness_of(mass, fallen) + c_finger
+            softer = stiffness_of(mass, _fallen(resonance, mean)) + c_finger
             mode = _driven(mass, length, omega, force, damping, softer)
         W0, rate0 = W, rate
         W, rate = vibrate(mode.step, W, rate)
@@ -500,6 +498,11 @@ def _stepped(
         )
         Fx, Fx_rate = follow(phi, Fx, Fx_rate, 0.5 * (Ft_before + Ft))
     return Motion(W, rate, omega, acting, v, stretch, z, Ft, Fx, Fx_rate, pickup)
+
+
+def _fallen(resonance: float, fall: float) -> float:
+    """Return a resonance that softening has lowered, all in Hz."""
+    return max(resonance - fall, LEAST_RESONANCE * resonance)
 
 
 class _DrivenMode(NamedTuple):

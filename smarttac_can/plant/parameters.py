@@ -20,10 +20,12 @@ def require(name: str, value: object, low: float, high: float) -> None:
     Raises
     ------
     ValueError
-        It is outside, NaN, or no number. One line gives the name, the value and the bounds.
+        It is outside, NaN, or text. One line gives the name, the value and the bounds.
     """
-    numbers = np.asarray(value)
-    if numbers.dtype.kind not in "biuf" or not np.all((numbers >= low) & (numbers <= high)):
+    if np.asarray(value).dtype.kind in "SU":
+        raise ValueError(f"{name} {value!r} is text, no number")
+    numbers = np.asarray(value, dtype=np.float64)
+    if not np.all((numbers >= low) & (numbers <= high)):
         raise ValueError(f"{name} {value} is outside {low:g}..{high:g}")
 
 
@@ -161,9 +163,8 @@ class SensorParameters:
         require("drift_temperature", self.drift_temperature, -40.0, 125.0)
         require("gauge_noise", self.gauge_noise, 0.0, 1.0)
         require("pickup_noise", self.pickup_noise, 0.0, 1e-6)
-        require("pickup_window", self.pickup_window, 0.0, 1e-3)
-        if self.pickup_window:
-            require("pickup_window", self.pickup_window, 1e-6, 1e-3)
+        least_window = 1e-6 if self.pickup_window else 0.0
+        require("pickup_window", self.pickup_window, least_window, 1e-3)
         require("pickup_lag", self.pickup_lag, 0.0, 1e-2)
         require("temperature_noise", self.temperature_noise, 0.0, 10.0)
         require("gauge_resolution", self.gauge_resolution, 1e-9, 1.0)

@@ -102,7 +102,7 @@ def test_parameters_are_values():
     ("wrong", "line"),
     [
         ({"pickup_window": 1e-12}, "pickup_window 1e-12 is outside 1e-06..0.001"),
-        ({"pickup_window": "461e-6"}, "pickup_window 461e-6 is outside"),
+        ({"pickup_window": "461e-6"}, "pickup_window '461e-6' is text, no number"),
     ],
 )
 def test_a_window_is_none_or_a_time(wrong, line):
