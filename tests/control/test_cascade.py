@@ -549,12 +549,13 @@ def test_two_runs_are_the_same_bits():
 def test_a_texture_is_the_reference_where_the_finger_will_be(law, ahead_ms):
     parameters = CascadeParameters(vibration_law=law, dead_time=500e-6, preview=1.5e-3)
     cascade, plate = cascade_with_texture(parameters), FirstOrderPlate(dead_time=500e-6)
+    speed = 0.0613  # in a second no whole number of periods
     cascade.set_mode(Mode.TEXTURE)
     for tick in range(200):
-        forces = gauges(0.35, 0.0, 1.0, 60e-6 * tick)
+        forces = gauges(0.35, 0.0, 1.0, speed * 1e-3 * tick)
         plate.step(cascade.update(plate.measure(forces), setpoint()))
-    assert cascade.contact.position == pytest.approx(60e-6 * 199)
-    ahead = 1e9 * (60e-6 * 199 + (POSITION_LAG + 1e-3 * ahead_ms) * 0.06)
+    assert cascade.contact.position == pytest.approx(speed * 1e-3 * 199)
+    ahead = 1e9 * speed * (0.199 + POSITION_LAG + 1e-3 * ahead_ms)
     assert cascade.mu_ref == pytest.approx(GRATING.at(ahead), rel=1e-4)
     assert cascade.mu_ref != pytest.approx(GRATING.at(ahead - 30e3), rel=1e-3)
     contact = cascade.contact

@@ -123,6 +123,20 @@ def test_a_mode_that_would_not_oscillate_under_a_finger_is_refused(wrong):
         moves(resonator=ResonatorParameters(**wrong))
 
 
+@pytest.mark.parametrize("offset", [0.0, 900.0, -900.0])
+def test_a_mode_oscillates_if_it_would_under_10_newtons_at_half_its_resonance(offset):
+    mode = ResonatorParameters(tau=1e-4, mass=5e-3, neighbour_offset=offset)
+    fingertip = dataclasses.replace(SUBJECTS[1], load_damping=55.0)
+    damping = 2 * 5e-3 / 1e-4 + 55.0 * 20.0 ** (2 / 3) * 1.1**2
+    least = damping / (2 * math.pi * 5e-3) - min(offset, 0.0)
+    contact = ContactParameters(ripple=0.1)
+    enough = dataclasses.replace(mode, f0=1.0001 * least)
+    moves(subject=fingertip, contact=contact, resonator=enough)
+    with pytest.raises(ValueError, match="does not oscillate"):
+        lower = dataclasses.replace(mode, f0=0.9999 * least)
+        moves(subject=fingertip, contact=contact, resonator=lower)
+
+
 def test_a_plate_that_softens_beyond_all_measure_keeps_a_resonance():
     mode = ResonatorParameters(f0=5e3, tau=5e-3, gain=1e-6, softening=1e9)
     plate = Plate(PlateParameters(resonator=mode), SUBJECTS[1], Stroke(rest=0.0, press=0.002))
