@@ -4,6 +4,7 @@ import importlib.util
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 from types import ModuleType
 
@@ -208,12 +209,17 @@ def test_statements(body: str, changes: list[str], mutants: ModuleType, tmp_path
 
 
 ROOT = TOOL.parents[1]
-NODES = sorted((ROOT / "smarttac_can" / "nodes").glob("*.py"))
+EXPLAINED = tomllib.loads((ROOT / "tools" / "mutants.toml").read_text())["equivalent"]
+LOOP = [
+    path
+    for package in ("control", "nodes", "plant")
+    for path in sorted((ROOT / "smarttac_can" / package).glob("*.py"))
+]
 
 
-@pytest.mark.parametrize("module", NODES, ids=[path.stem for path in NODES])
-def test_the_page_has_tried_every_change_of_the_nodes(module: Path, mutants: ModuleType) -> None:
-    """Who adds a threshold to a node runs the tool again, or the page tells of another module."""
+@pytest.mark.parametrize("module", LOOP, ids=[f"{path.parent.name}/{path.stem}" for path in LOOP])
+def test_the_page_has_tried_every_change_of_the_loop(module: Path, mutants: ModuleType) -> None:
+    """Who adds a threshold to the loop runs the tool again, or the page tells of another module."""
     count = len(mutants.mutants_of(module))
     page = (ROOT / "docs" / "reference" / "mutants.md").read_text()
     _, _, row = page.partition(f"\n| `{module.relative_to(ROOT).as_posix()}` | ")
@@ -222,3 +228,18 @@ def test_the_page_has_tried_every_change_of_the_nodes(module: Path, mutants: Mod
         assert (changes, tried, unexplained) == (count, count, 0)
     else:
         assert row == ""
+
+
+@pytest.mark.parametrize("module", sorted({entry["module"] for entry in EXPLAINED}))
+def test_what_is_explained_is_a_change_there_is(module: str, mutants: ModuleType) -> None:
+    found = [
+        mutant
+        for statements in (False, True)
+        for mutant in mutants.mutants_of(ROOT / module, statements=statements)
+    ]
+    lines, changes = {m.line for m in found}, {(m.line, m.change) for m in found}
+    for entry in EXPLAINED:
+        if entry["module"] == module:
+            for line in entry.get("lines", [entry.get("line")]):
+                assert line in lines
+                assert "change" not in entry or (line, entry["change"]) in changes
