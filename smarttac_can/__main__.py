@@ -11,6 +11,10 @@ def run() -> None:
         main(prog_name="smarttac")
     except KeyboardInterrupt:
         sys.exit("\nAborted!")
+    except OSError as error:
+        if error.filename is not None:
+            raise
+        sys.exit(f"Error: stdout: {error.strerror}")  # of --help; commands report their own files
 
 
 if __name__ == "__main__":

@@ -26,6 +26,7 @@ from smarttac_can.cli.shared import (
     one_line,
     own_node_id,
     plain_errors,
+    require_two_nodes,
     seed_option,
     storage_option,
     unconfigured_option,
@@ -430,8 +431,7 @@ def node(
         _refuse_finger("for the plate inside: give it to smarttac plate")
     fixed = own_node_id(node_id, unconfigured)
     own = STIMULATOR_ID if node_id is None else node_id
-    if plate_node == own:
-        raise click.UsageError(f"--plate-node {plate_node} is the --node-id of the stimulator")
+    require_two_nodes(own, plate_node)
     with plain_errors(), blaming(eds):
         od = load_device("stimulator.eds", eds, own)
         motion, recording = finger

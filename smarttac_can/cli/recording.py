@@ -28,6 +28,7 @@ from smarttac_can.cli.shared import (
     refuse_own_files,
     reporting,
     require_image,
+    require_two_nodes,
     stimulator_options,
     timeout_option,
 )
@@ -233,8 +234,7 @@ def replay(
     heard is given to one from the same EDS, at the times of the log, and each frame that it sends
     is compared: drives, public TPDOs, emergencies, SDO answers. A difference ends with exit code 1.
     """
-    if plate_node == node_id:
-        raise click.UsageError(f"--plate-node {plate_node} is the --node-id of the stimulator")
+    require_two_nodes(node_id, plate_node)
     if lockstep and produce_sync:
         raise click.UsageError("in --lockstep the bench produces SYNC: leave out --produce-sync")
     with reporting(json_file) as write_results, blaming(eds):

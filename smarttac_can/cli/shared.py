@@ -359,6 +359,18 @@ def bus_options(command: Command) -> Command:
     )(called)
 
 
+def require_two_nodes(node_id: int, plate_node: int | None) -> None:
+    """Refuse a plate with the node-ID of its stimulator.
+
+    Raises
+    ------
+    click.UsageError
+        The node-IDs are the same.
+    """
+    if plate_node == node_id:
+        raise click.UsageError(f"--plate-node {plate_node} is the --node-id of the stimulator")
+
+
 class StimulatorChoice(NamedTuple):
     """A stimulator on a bus."""
 
@@ -385,6 +397,7 @@ def stimulator_options(command: Command) -> Command:
     def called(
         *args: Any, bus: BusChoice, node_id: int, plate_node: int | None, **others: Any
     ) -> Any:
+        require_two_nodes(node_id, plate_node)
         return command(*args, at=StimulatorChoice(bus, node_id, plate_node), **others)
 
     return with_options(

@@ -5,6 +5,7 @@ A candump log has the format of ``candump -L`` (can-utils).
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from io import TextIOWrapper
 from pathlib import Path
@@ -69,8 +70,8 @@ def read_log(path: Path, on_cut: OnCut | None = None) -> Iterator[tuple[int, Fra
     path
         Log in the format candump (``.log``), ASC, BLF, CSV or TRC.
     on_cut
-        Function called with a line for the user if the last line is cut off, as after a killed
-        logger; that line is skipped. Without it, a cut line is an error.
+        Function called with a line for the user if the log is cut off, as after a killed logger;
+        a last line that is cut is skipped. Without it, a log that is cut is an error.
 
     Yields
     ------
@@ -93,7 +94,7 @@ def read_log(path: Path, on_cut: OnCut | None = None) -> Iterator[tuple[int, Fra
     if suffix in _TEXT:
         return _read_text(path, suffix, on_cut)
     if suffix in _BINARY:
-        return _read_binary(path, suffix)
+        return _read_binary(path, _BINARY[suffix], on_cut)
     raise ValueError(f"{path} is none of {', '.join(LOG_SUFFIXES)}")
 
 
@@ -107,11 +108,24 @@ def _read_text(path: Path, suffix: str, on_cut: OnCut | None) -> Iterator[tuple[
         yield from _read(lines, _TEXT[suffix], lambda: lines.refusal(_kind(suffix)))
 
 
-def _read_binary(path: Path, suffix: str) -> Iterator[tuple[int, Frame]]:
+def _read_binary(path: Path, reader: Any, on_cut: OnCut | None) -> Iterator[tuple[int, Frame]]:
+    kind = _kind(path.suffix.lower())
     with open_regular(path) as file:
-        yield from _read(
-            file, _BINARY[suffix], lambda: f"{path} is no {_kind(suffix)} log, or damaged"
-        )
+        size = os.fstat(file.fileno()).st_size
+        stated = 0
+
+        def opened(stream: Any) -> Any:
+            nonlocal stated
+            log = reader(stream)
+            stated = log.file_size
+            return log
+
+        yield from _read(file, opened, lambda: f"{path} is no {kind} log, or damaged")
+        if stated > size:  # python-can ends there like at the end of a whole log
+            cut = f"{path}: cut after {size} of {stated} bytes: its last frames are missing"
+            if on_cut is None:
+                raise ValueError(cut)
+            on_cut(cut)
 
 
 def _kind(suffix: str) -> str:

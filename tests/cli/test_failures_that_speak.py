@@ -5,6 +5,8 @@ import errno
 import os
 import re
 import socket
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final
@@ -72,6 +74,19 @@ def test_a_file_system_that_is_read_only_is_named(
 def test_storage_that_can_be_written_needs_no_word_and_leaves_none(tmp_path: Path) -> None:
     refusal("node", *NOWHERE, "--storage", tmp_path / "kept")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["status", "--help"]])
+def test_help_that_finds_no_room_is_one_line(arguments: list[str]) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "smarttac_can", *arguments],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert (done.returncode, done.stderr) == (1, "Error: stdout: No space left on device\n")
 
 
 @pytest.fixture

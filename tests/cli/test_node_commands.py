@@ -60,7 +60,6 @@ def test_bad_options(
     [
         (("--produce-sync",), "--produce-sync is the tick of a --plate-node"),
         (("--produce-sync", "--lockstep", "--plate-node", "33"), "leave out --produce-sync"),
-        (("--plate-node", "32"), "--plate-node 32 is the --node-id of the stimulator"),
         (("--plate-node", "33", "--finger", "none"), "--finger is for the plate inside"),
         (("--plate-node", "33", "--subject", "1"), "--subject is for the plate inside"),
         (("--plate-node", "33", "--seed", "1"), "--seed is for the plate inside"),
@@ -68,6 +67,16 @@ def test_bad_options(
 )
 def test_options_that_contradict_each_other(arguments: tuple[str, ...], message: str) -> None:
     assert message in refusal("node", *VIRTUAL, *arguments, code=2)
+
+
+@pytest.mark.parametrize("command", ["node", "status", "replay"])
+def test_a_plate_is_another_node_than_its_stimulator(command: str, tmp_path: Path) -> None:
+    options = VIRTUAL
+    if command == "replay":
+        (log := tmp_path / "run.log").touch()
+        options = (str(log),)
+    line = refusal(command, *options, "--plate-node", "32", code=2)
+    assert line == "--plate-node 32 is the --node-id of the stimulator"
 
 
 def test_broken_eds(tmp_path: Path) -> None:

@@ -378,6 +378,18 @@ def test_a_log_whose_logger_was_killed_is_replayed_up_to_there(
     assert result.stderr == f"{torn}: the last line, {len(lines)}, is cut and left out\n"
 
 
+def test_a_binary_log_that_is_cut_is_replayed_up_to_there(run: Log, tmp_path: Path) -> None:
+    torn = write(run, tmp_path / "torn.blf")
+    data = torn.read_bytes()
+    assert replay(torn, "--lockstep").stderr == ""
+    torn.write_bytes(data[:-500])
+    result = replay(torn, "--lockstep")
+    assert result.exit_code == 0, result.output
+    assert result.stderr == (
+        f"{torn}: cut after {len(data) - 500} of {len(data)} bytes: its last frames are missing\n"
+    )
+
+
 def test_damage_in_the_middle_of_a_binary_log_is_told(run: Log, tmp_path: Path) -> None:
     torn = write(run, tmp_path / "torn.blf")
     data = torn.read_bytes()
@@ -394,7 +406,7 @@ def test_the_log_of_a_recording_points_to_its_raw_log(tmp_path: Path) -> None:
 
 def test_options_that_contradict_are_refused(run: Log, tmp_path: Path) -> None:
     log = write(run, tmp_path / "run.log")
-    for options in (("--plate-node", "32"), ("--lockstep", "--produce-sync"), ("--deadline", "0")):
+    for options in (("--lockstep", "--produce-sync"), ("--deadline", "0")):
         refusal("replay", log, *options, code=2)
 
 
