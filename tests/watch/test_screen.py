@@ -79,7 +79,10 @@ def test_it_looks_on_while_another_bench_drives(multicast: dict[str, Any]) -> No
         play(multicast, script)
 
 
-def test_it_drives_and_stops(multicast: dict[str, Any]) -> None:
+def test_it_drives_and_stops(multicast: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    # The screen is drawn in the process that sends the heartbeat of who drives.
+    monkeypatch.setattr("smarttac_can.bench.remote_device._LOST_MS", 5000)
+
     async def script(pilot: Pilot[None], screen: WatchScreen) -> None:
         async def enter(line: str) -> None:
             screen.query_one(Input).value = line
