@@ -220,7 +220,11 @@ def _entered(device: RemoteDevice) -> Iterator[_Watch]:
 
 
 def _nmt(device: RemoteDevice) -> str:
-    wait_until(lambda: device.heartbeat_at is not None, _HEARTBEATS_WAITED * device.heartbeat_s)
+    # The state of a boot-up message is 0; the heartbeat after it has the one that was entered.
+    wait_until(
+        lambda: device.heartbeat_at is not None and device.state != 0,
+        _HEARTBEATS_WAITED * device.heartbeat_s,
+    )
     return state_text(device.state) if device.heartbeat_at is not None else UNKNOWN
 
 

@@ -90,6 +90,14 @@ def test_a_node_that_nobody_has_started(virtual: dict[str, Any], node: Stimulato
     assert node.device.nmt_state.name == "PRE_OPERATIONAL"
 
 
+def test_a_boot_up_is_no_state(virtual: dict[str, Any], node: StimulatorNode) -> None:
+    booted = can.Message(arbitration_id=0x720, data=[0], is_extended_id=False)
+    with can.Bus(**virtual) as bus:
+        bus.send_periodic(booted, 0.05, duration=0.5)
+        said = json.loads(smarttac(virtual, "status", "--json").stdout)
+    assert said["nmt"] == node.device.nmt_state.name.lower().replace("_", "-")
+
+
 def test_who_drives_is_named(virtual: dict[str, Any], node: StimulatorNode) -> None:
     with Stimulator.connect(**virtual) as bench:
         bench.run(0.2)
