@@ -1,4 +1,4 @@
-"""The commands conform and device, as processes on a real bus."""
+"""The commands conform and device: once as processes on a real bus, then conform by itself."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -8,41 +8,32 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 from nodes_on_a_bus import NodeProcess, multicast_options
+from rich_eds import RICH, RICH_EDS
 
 from smarttac_can.cli import main
+from smarttac_can.device.device import Device
+from smarttac_can.host.python_can import PythonCanBus
+from smarttac_can.host.runner import node_in_thread
+from smarttac_can.nodes.device_node import DeviceNode
+from smarttac_can.od.eds import load_eds
 
-EDS = Path(__file__).parents[1] / "eds" / "rich.eds"
-NODE = ("--eds", str(EDS), "--node-id", "9")
-
-
-Conform = Callable[..., Result]
-
-
-@pytest.fixture
-def conform(multicast: dict[str, Any]) -> Conform:
-    """How the command ends, with arguments of one's own."""
-    command = ["conform", *NODE, *multicast_options(multicast)]
-    return lambda *arguments: CliRunner().invoke(main, [*command, *arguments])
+NODE = ("--eds", str(RICH_EDS), "--node-id", "9")
 
 
-@pytest.fixture
-def device(multicast: dict[str, Any]) -> Iterator[None]:
-    node = NodeProcess("device", *NODE, *multicast_options(multicast))
+def test_device_on_a_bus_is_judged(multicast: dict[str, Any], tmp_path: Path) -> None:
+    bus = multicast_options(multicast)
+    report, results = tmp_path / "report.md", tmp_path / "results.json"
+    command = [
+        *("conform", *NODE, *bus, "--timeout", "3", "--report", str(report)),
+        *("--json", str(results), "--case", "SDO-01", "--case", "od-01", "--case", "HB-01"),
+    ]
+    node = NodeProcess("device", *NODE, *bus)
     try:
         node.wait_for(f"device 9 ready on udp_multicast:{multicast['channel']}")
-        yield
+        result = CliRunner().invoke(main, command)
     finally:
         ended = node.end()
     assert ended == (0, ["device 9 stopped"], "")
-
-
-@pytest.mark.usefixtures("device")
-def test_device_on_a_bus_is_judged(conform: Conform, tmp_path: Path) -> None:
-    report, results = tmp_path / "report.md", tmp_path / "results.json"
-    result = conform(
-        "--timeout", "3", "--case", "SDO-01", "--case", "od-01", "--case", "HB-01",
-        "--report", str(report), "--json", str(results),
-    )  # fmt: skip
     assert (result.exit_code, result.output.splitlines()) == (
         0,
         [
@@ -58,12 +49,28 @@ def test_device_on_a_bus_is_judged(conform: Conform, tmp_path: Path) -> None:
     assert [case["id"] for case in data["cases"]] == ["SDO-01", "OD-01", "HB-01"]
 
 
+Conform = Callable[..., Result]
+
+
+@pytest.fixture
+def conform(virtual: dict[str, Any]) -> Conform:
+    """How the command ends, with arguments of one's own."""
+    bus = ("--interface", virtual["interface"], "--channel", virtual["channel"])
+    return lambda *arguments: CliRunner().invoke(main, ["conform", *NODE, *bus, *arguments])
+
+
+@pytest.fixture
+def device(virtual: dict[str, Any]) -> Iterator[None]:
+    node = DeviceNode(Device(load_eds(RICH, 9)))
+    with node_in_thread(node, PythonCanBus(**virtual)):
+        yield
+
+
 @pytest.mark.usefixtures("device")
 def test_the_sheet_of_another_device_is_named(conform: Conform, tmp_path: Path) -> None:
     other = tmp_path / "other.eds"
-    text = EDS.read_text()
-    code = text.split("[1018sub2]")[1].split("DefaultValue=")[1].splitlines()[0]
-    other.write_text(text.replace(f"DefaultValue={code}", "DefaultValue=0x0000ABCD"))
+    code = RICH.split("[1018sub2]")[1].split("DefaultValue=")[1].splitlines()[0]
+    other.write_text(RICH.replace(f"DefaultValue={code}", "DefaultValue=0x0000ABCD"))
     result = conform("--eds", str(other), "--timeout", "3", "--case", "HB-01")
     said = (
         "other.eds may be of another device than node 9: product code is "
@@ -90,9 +97,9 @@ def test_a_report_that_cannot_be_written_is_refused_before_a_bus_is_opened(
     )
 
 
-def test_no_device_ends_after_one_probe(conform: Conform, multicast: dict[str, Any]) -> None:
+def test_no_device_ends_after_one_probe(conform: Conform, virtual: dict[str, Any]) -> None:
     result = conform("--timeout", "0.01")
-    where = f"udp_multicast:{multicast['channel']}"
+    where = f"virtual:{virtual['channel']}"
     said = f"node 9 does not answer on {where}: no SDO response (589h) within 0.01 s"
     assert (result.exit_code, result.output) == (1, f"Error: {said}\n")
 

@@ -2,9 +2,9 @@
 
 from collections import deque
 from contextlib import closing
-from pathlib import Path
 
 import pytest
+from rich_eds import RICH
 
 from smarttac_can.conformance.case import DeviceDescription, Failure
 from smarttac_can.conformance.examiner import Examiner
@@ -14,8 +14,6 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import QueueFullError
 from smarttac_can.nodes.device_node import DeviceNode
 from smarttac_can.od.eds import load_eds
-
-RICH = (Path(__file__).parents[1] / "eds" / "rich.eds").read_text()
 
 
 class Queue:

@@ -2,9 +2,9 @@
 
 import re
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import pytest
+from rich_eds import RICH
 
 from smarttac_can.conformance.case import DeviceDescription, Result
 from smarttac_can.conformance.examiner import Examiner
@@ -15,7 +15,6 @@ from smarttac_can.host.node import without_queue
 from smarttac_can.nodes.device_node import DeviceNode
 from smarttac_can.od.eds import load_eds
 
-RICH = (Path(__file__).parents[1] / "eds" / "rich.eds").read_text(encoding="latin-1")
 NODE_ID = 0x20
 SDO, HEARTBEAT, EMCY, TPDO = 0x5A0, 0x720, 0x0A0, 0x1A0
 
@@ -232,6 +231,18 @@ SHEETS = {
 def test_device_that_is_not_as_its_eds_says(fault: str) -> None:
     text, expected = SHEETS[fault]
     assert numbers(failed(judge(text=text, only=expected))) == expected
+
+
+def test_block_transfer_is_optional() -> None:
+    refused = _alter(
+        lambda f: f.can_id == SDO and f.data[0] >> 5 in (5, 6),
+        lambda data: b"\x80" + data[1:4] + (0x05040001).to_bytes(4, "little"),
+    )
+    (block,) = judge(outwards=refused, only="SDO-23")
+    assert (block.verdict, block.reason) == (
+        "not applicable",
+        "the device has no SDO block transfer",
+    )
 
 
 def test_a_failed_case_names_its_last_frames() -> None:
