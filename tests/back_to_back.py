@@ -5,8 +5,9 @@ from __future__ import annotations
 import struct
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Final
+
+from rich_eds import RICH
 
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
@@ -20,7 +21,6 @@ NODE_ID: Final = 0x20
 ROUNDS: Final = 20
 GUARD_S: Final = 60.0
 """Only ever waited for by a test that is about to fail."""
-_RICH = (Path(__file__).parent / "eds" / "rich.eds").read_text()
 _RPDO_ID: Final = 0x200 + NODE_ID
 """Of RPDO 1 after a reset."""
 _OTHER_IDS: Final = (0x2A0, 0x3A1)
@@ -38,7 +38,7 @@ class Client:
     def __init__(self, send: Callable[[Frame], None], receive: Callable[[], Frame]) -> None:
         self._send = send
         self._receive = receive
-        self.od = load_eds(_RICH, NODE_ID)
+        self.od = load_eds(RICH, NODE_ID)
         self._value = self.od.entry(0x2100, 1)
         self.cob_id = self.od.entry(0x1400, 1)
 
@@ -139,7 +139,7 @@ def node_id_and_sdo(client: Client) -> None:
 
 
 def make_node(node_id: int = NODE_ID) -> DeviceNode:
-    return DeviceNode(Device(load_eds(_RICH, NODE_ID), node_id=node_id))
+    return DeviceNode(Device(load_eds(RICH, NODE_ID), node_id=node_id))
 
 
 def make_node_without_id() -> DeviceNode:

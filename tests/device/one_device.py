@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 import transcript
+from rich_eds import RICH
 from transcript import frame, microseconds
 
 from smarttac_can.device.device import Device
@@ -15,7 +14,6 @@ from smarttac_can.od.eds import load_eds
 from smarttac_can.od.entry import MAX_BYTES
 
 NODE_ID = 0x20
-RICH = (Path(__file__).parent.parent / "eds" / "rich.eds").read_text()
 
 
 def make_device(application: Application | None = None, *, autostart: bool = False) -> Device:

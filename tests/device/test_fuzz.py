@@ -4,7 +4,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
-from one_device import RICH
+from rich_eds import RICH
 
 from smarttac_can.device.sdo import SDOServer
 from smarttac_can.od.entry import Entry

@@ -5,7 +5,8 @@ import canopen
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from one_device import RICH, make_device, play, started
+from one_device import make_device, play, started
+from rich_eds import RICH
 
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame

@@ -3,7 +3,8 @@
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
-from one_device import NODE_ID, RICH, download, upload
+from one_device import NODE_ID, download, upload
+from rich_eds import RICH
 
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame

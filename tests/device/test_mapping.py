@@ -1,5 +1,6 @@
 import pytest
-from one_device import RICH, download, play, started
+from one_device import download, play, started
+from rich_eds import RICH
 
 from smarttac_can.device.device import Device
 from smarttac_can.od.eds import load_eds

@@ -1,5 +1,6 @@
 import pytest
-from one_device import NODE_ID, RICH, download, play, upload
+from one_device import NODE_ID, download, play, upload
+from rich_eds import RICH
 
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame

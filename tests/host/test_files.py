@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 from interrupts import interrupted
 from nodes_on_a_bus import GUARD_S, until
+from rich_eds import RICH
 
 from smarttac_can.cli.nodes import read_finger
 from smarttac_can.device.device import Device
@@ -226,14 +227,13 @@ def test_a_link_stays_one(tmp_path: Path) -> None:
     assert (tmp_path / "t.csv").read_text() == "new"
 
 
-EDS = (Path(__file__).parent.parent / "eds" / "rich.eds").read_text()
 HEARTBEAT = 0x1017
 SAVE = bytes.fromhex("2310100173617665")
 EMCY = Frame(0x0A0, bytes.fromhex("3055010000000000"))
 
 
 def powered(path: Path) -> tuple[Device, list[Frame]]:
-    device = Device(load_eds(EDS, 0x20), storage=StorageFile(path))
+    device = Device(load_eds(RICH, 0x20), storage=StorageFile(path))
     return device, device.start()
 
 

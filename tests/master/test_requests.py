@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from transcript import frame
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.master import requests
@@ -15,11 +16,6 @@ BYTE = Entry(0x2001, 0x02, "Byte", DataType.UNSIGNED8, "rw")
 SIGNED = Entry(0x2003, 0x00, "Signed", DataType.INTEGER16, "rw")
 LONG = Entry(0x1006, 0x00, "Long", DataType.UNSIGNED32, "rw")
 REAL = Entry(0x2004, 0x01, "Real", DataType.REAL32, "rw")
-
-
-def frame(text: str) -> Frame:
-    can_id, *data = text.split()
-    return Frame(int(can_id, 16), bytes.fromhex("".join(data)))
 
 
 @pytest.mark.parametrize(

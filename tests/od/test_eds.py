@@ -1,20 +1,18 @@
 import contextlib
 import io
 import logging
-from pathlib import Path
 from typing import Any
 
 import pytest
 from canopen.objectdictionary.eds import import_eds
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rich_eds import RICH
 
 from smarttac_can.od.cia import DataType, ObjectType
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import EDSError, load_eds
 from smarttac_can.od.units import ONE
-
-RICH = (Path(__file__).parent.parent / "eds" / "rich.eds").read_text()
 
 
 def eds(*lines: str) -> str:

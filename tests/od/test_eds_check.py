@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rich_eds import RICH, RICH_EDS
 
 from smarttac_can.od.eds_check import check_eds
 
-ROOT = Path(__file__).parents[2]
-RICH = (ROOT / "tests" / "eds" / "rich.eds").read_text()
+OWN = (Path(__file__).parents[2] / "eds").glob("*.eds")
 
 
 def lines(text: str) -> list[str]:
@@ -36,9 +36,7 @@ def without(section: str) -> str:
     return head + "\n" + rest.partition("\n\n")[2]
 
 
-@pytest.mark.parametrize(
-    "path", [ROOT / "tests" / "eds" / "rich.eds", *sorted((ROOT / "eds").glob("*.eds"))]
-)
+@pytest.mark.parametrize("path", [RICH_EDS, *sorted(OWN)])
 def test_files_without_fault(path: Path) -> None:
     assert check_eds(path.read_text(), path.name) == []
 

@@ -4,16 +4,16 @@ import re
 from pathlib import Path
 
 import pytest
+from rich_eds import RICH_EDS
 
 from smarttac_can.od.cia import DataType, ObjectType
 from smarttac_can.od.data_types import SIGNED
 from smarttac_can.od.eds import load_eds, read_sections
 
 ROOT = Path(__file__).parents[2]
-FILES = [ROOT / "tests" / "eds" / "rich.eds", *sorted((ROOT / "eds").glob("*.eds"))]
-OWN = [path for path in FILES if path.parent.name == "eds" and path.parent.parent == ROOT]
+OWN = sorted((ROOT / "eds").glob("*.eds"))
 
-each_file = pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+each_file = pytest.mark.parametrize("path", [RICH_EDS, *OWN], ids=lambda path: path.stem)
 each_own = pytest.mark.parametrize("path", OWN, ids=lambda path: path.stem)
 
 

@@ -1,6 +1,5 @@
-from pathlib import Path
-
 import pytest
+from rich_eds import RICH
 
 from smarttac_can.od.eds import load_eds
 from smarttac_can.od.timing import (
@@ -12,7 +11,6 @@ from smarttac_can.od.timing import (
     frame_seconds,
 )
 
-RICH = (Path(__file__).parent.parent / "eds" / "rich.eds").read_text()
 LOOP = [
     CyclicFrame(0x080, 0, 1e-3),
     CyclicFrame(0x1A1, 8, 1e-3),
