@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Final
 
+from read_once import read_once
 from rich_eds import RICH
 
 from smarttac_can.device.device import Device
@@ -15,7 +16,6 @@ from smarttac_can.device.nmt import NMTState
 from smarttac_can.master import requests
 from smarttac_can.nodes.device_node import DeviceNode
 from smarttac_can.od.cia import COB_INVALID, LSS_MASTER_ID, UNCONFIGURED, NMTCommand
-from smarttac_can.od.eds import load_eds
 
 NODE_ID: Final = 0x20
 ROUNDS: Final = 20
@@ -38,7 +38,7 @@ class Client:
     def __init__(self, send: Callable[[Frame], None], receive: Callable[[], Frame]) -> None:
         self._send = send
         self._receive = receive
-        self.od = load_eds(RICH, NODE_ID)
+        self.od = read_once(RICH, NODE_ID)
         self._value = self.od.entry(0x2100, 1)
         self.cob_id = self.od.entry(0x1400, 1)
 
@@ -139,7 +139,7 @@ def node_id_and_sdo(client: Client) -> None:
 
 
 def make_node(node_id: int = NODE_ID) -> DeviceNode:
-    return DeviceNode(Device(load_eds(RICH, NODE_ID), node_id=node_id))
+    return DeviceNode(Device(read_once(RICH, NODE_ID), node_id=node_id))
 
 
 def make_node_without_id() -> DeviceNode:

@@ -2,13 +2,11 @@
 
 import gc
 import os
-import pickle
 import signal
 import socket
 import sys
 import threading
 from collections.abc import Iterator
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +14,9 @@ import can.interfaces.virtual
 import pytest
 from compile_once import compile_once
 from hypothesis import HealthCheck, settings
+from read_once import read_once
 
 from smarttac_can.bench import simulation
-from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.od.eds import load_eds
 
 # How long an example takes is up to the machine and to what else it does.
 settings.register_profile(
@@ -30,19 +27,8 @@ settings.load_profile("any pace")
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-@cache
-def _pickled(text: str, node_id: int) -> bytes:
-    return pickle.dumps(load_eds(text, node_id))
-
-
-def _copied(text: str, node_id: int) -> ObjectDictionary:
-    """Return a dictionary of its own in a tenth of the time that its EDS takes to be read."""
-    copied: ObjectDictionary = pickle.loads(_pickled(text, node_id))
-    return copied
-
-
 # Thousands of tests make the nodes of the project; tests/od reads EDS files.
-simulation.load_eds = _copied  # type: ignore[attr-defined]
+simulation.load_eds = read_once  # type: ignore[attr-defined]
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

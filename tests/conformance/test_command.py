@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 from nodes_on_a_bus import NodeProcess, multicast_options
+from read_once import read_once
 from rich_eds import RICH, RICH_EDS
 
 from smarttac_can.cli import main
@@ -15,7 +16,6 @@ from smarttac_can.device.device import Device
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.host.runner import node_in_thread
 from smarttac_can.nodes.device_node import DeviceNode
-from smarttac_can.od.eds import load_eds
 
 NODE = ("--eds", str(RICH_EDS), "--node-id", "9")
 
@@ -61,7 +61,7 @@ def conform(virtual: dict[str, Any]) -> Conform:
 
 @pytest.fixture
 def device(virtual: dict[str, Any]) -> Iterator[None]:
-    node = DeviceNode(Device(load_eds(RICH, 9)))
+    node = DeviceNode(Device(read_once(RICH, 9)))
     with node_in_thread(node, PythonCanBus(**virtual)):
         yield
 

@@ -4,6 +4,7 @@ from collections import deque
 from contextlib import closing
 
 import pytest
+from read_once import read_once
 from rich_eds import RICH
 
 from smarttac_can.conformance.case import DeviceDescription, Failure
@@ -13,7 +14,6 @@ from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import QueueFullError
 from smarttac_can.nodes.device_node import DeviceNode
-from smarttac_can.od.eds import load_eds
 
 
 class Queue:
@@ -59,7 +59,7 @@ class LoadedSystem:
     """
 
     def __init__(self, rest: float) -> None:
-        self._bus = DeviceTimeBus(DeviceNode(Device(load_eds(RICH, 5))))
+        self._bus = DeviceTimeBus(DeviceNode(Device(read_once(RICH, 5))))
         self._rest = rest
         self._calls = 0
         self._lost = 0.0

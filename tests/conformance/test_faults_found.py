@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable, Iterator
 
 import pytest
+from read_once import read_once
 from rich_eds import RICH
 
 from smarttac_can.conformance.case import DeviceDescription, Result
@@ -13,7 +14,6 @@ from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.node import without_queue
 from smarttac_can.nodes.device_node import DeviceNode
-from smarttac_can.od.eds import load_eds
 
 NODE_ID = 0x20
 SDO, HEARTBEAT, EMCY, TPDO = 0x5A0, 0x720, 0x0A0, 0x1A0
@@ -177,7 +177,7 @@ def judge(
     *, inwards: Change | None = None, outwards: Change | None = None, text: str = RICH, only: str
 ) -> list[Result]:
     """Results of some cases for a device of an EDS, by the rich one."""
-    node = Altered(Device(load_eds(text, NODE_ID)), inwards=inwards, outwards=outwards)
+    node = Altered(Device(read_once(text, NODE_ID)), inwards=inwards, outwards=outwards)
     bus = DeviceTimeBus(node)
     cases = [case for case in CASES if case.number in only.split()]
     return run_cases(Examiner(bus, DeviceDescription(RICH, NODE_ID), clock=bus.time), cases)

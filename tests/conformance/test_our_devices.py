@@ -1,5 +1,6 @@
 """All cases that apply pass for a device of a rich EDS, for a minimal one and for the two nodes."""
 
+from read_once import read_once
 from rich_eds import RICH
 
 from smarttac_can.conformance.case import DeviceDescription
@@ -12,7 +13,6 @@ from smarttac_can.nodes.device_node import DeviceNode
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
-from smarttac_can.od.eds import load_eds
 
 NODE_ID = 32
 TIMEOUT_S = 0.15
@@ -28,19 +28,19 @@ def judge(node: Node, text: str) -> dict[str, tuple[str, str]]:
 
 
 def test_device_of_a_rich_eds() -> None:
-    assert judge(DeviceNode(Device(load_eds(RICH, NODE_ID))), RICH) == {}
+    assert judge(DeviceNode(Device(read_once(RICH, NODE_ID))), RICH) == {}
 
 
 def test_plate_node() -> None:
     text = read_eds("plate.eds")
-    assert judge(PlateNode(load_eds(text, NODE_ID)), text) == {}
+    assert judge(PlateNode(read_once(text, NODE_ID)), text) == {}
 
 
 def test_stimulator_node_has_events_all_the_time() -> None:
     text = read_eds("stimulator.eds")
-    inside = PlateBlock(load_eds(read_eds("plate.eds"), 33))
+    inside = PlateBlock(read_once(read_eds("plate.eds"), 33))
     reason = ("not applicable", "the application has events all the time")
-    assert judge(StimulatorNode(load_eds(text, NODE_ID), inside), text) == {
+    assert judge(StimulatorNode(read_once(text, NODE_ID), inside), text) == {
         "PDO-04": reason,
         "PDO-09": reason,
     }
@@ -59,7 +59,7 @@ MINIMAL = (
 
 
 def test_a_minimal_device_has_little_to_be_asked_and_no_fault() -> None:
-    others = judge(DeviceNode(Device(load_eds(MINIMAL, NODE_ID))), MINIMAL)
+    others = judge(DeviceNode(Device(read_once(MINIMAL, NODE_ID))), MINIMAL)
     assert {verdict for verdict, _ in others.values()} == {"not applicable"}
     for number, reason in (
         ("SYNC-02", "the EDS has no 1005h:00"),

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import pytest
 import transcript
+from read_once import read_once
 from rich_eds import RICH
 from transcript import frame, microseconds
 
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.service import Application
-from smarttac_can.od.eds import load_eds
 from smarttac_can.od.entry import MAX_BYTES
 
 NODE_ID = 0x20
 
 
 def make_device(application: Application | None = None, *, autostart: bool = False) -> Device:
-    return Device(load_eds(RICH, NODE_ID), application, autostart=autostart)
+    return Device(read_once(RICH, NODE_ID), application, autostart=autostart)
 
 
 def started(application: Application | None = None, *, operational: bool = True) -> Device:

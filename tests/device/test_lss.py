@@ -6,13 +6,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from one_device import make_device, play, started
+from read_once import read_once
 from rich_eds import RICH
 
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
 from smarttac_can.device.storage import Memory
-from smarttac_can.od.eds import load_eds
 
 SELECT = """
     > 7E5 40 23 01 00 00 00 00 00
@@ -29,7 +29,7 @@ INQUIRE_NODE_ID = "> 7E5 5E 00 00 00 00 00 00 00\n< 7E4 5E {} 00 00 00 00 00 00\
 
 
 def unconfigured(memory: Memory | None = None, **options: bool) -> Device:
-    return Device(load_eds(RICH, 0x20), storage=memory, node_id=255, **options)
+    return Device(read_once(RICH, 0x20), storage=memory, node_id=255, **options)
 
 
 def test_unconfigured_device_waits_without_boot_up() -> None:
@@ -104,7 +104,7 @@ def test_stored_node_id(given: int | None, node_id: int) -> None:
         unconfigured(memory),
         "power\n" + CONFIGURE + CONFIGURE_NODE_30 + STORE + WAIT + "< 730 00",
     )
-    device = Device(load_eds(RICH, 0x20), storage=memory, node_id=given)
+    device = Device(read_once(RICH, 0x20), storage=memory, node_id=given)
     assert device.start() == [Frame(0x700 + node_id, b"\0")]
 
 
@@ -150,7 +150,7 @@ def test_a_failing_storage_is_told() -> None:
 
 def test_bit_timing_is_stored_and_left_to_the_host() -> None:
     memory = Memory()
-    device = Device(load_eds(RICH, 0x20), storage=memory)
+    device = Device(read_once(RICH, 0x20), storage=memory)
     activate = "> 7E5 15 64 00 00 00 00 00 00\n"
     play(device, "power\n< 720 00\n" + CONFIGURE + activate)
     assert device.bit_rate is None
@@ -158,7 +158,7 @@ def test_bit_timing_is_stored_and_left_to_the_host() -> None:
     assert device.bit_rate is None
     play(device, activate)
     assert device.bit_rate == 500
-    again = Device(load_eds(RICH, 0x20), storage=memory)
+    again = Device(read_once(RICH, 0x20), storage=memory)
     play(again, "power\n< 720 00\n" + CONFIGURE + activate)
     assert again.bit_rate == 500
 
@@ -245,7 +245,7 @@ class Bus:
 @given(st.integers(0, 0xFFFFFFFF), st.integers(0, 0xFFFFFFFF))
 @settings(max_examples=3)
 def test_fastscan_by_python_canopen(serial: int, product: int) -> None:
-    od = load_eds(RICH, 1)
+    od = read_once(RICH, 1)
     od.entry(0x1018, 2).value = product
     od.entry(0x1018, 4).value = serial
     device = Device(od, node_id=255)
@@ -263,7 +263,7 @@ def test_fastscan_by_python_canopen(serial: int, product: int) -> None:
 @at_once
 def test_two_devices_get_their_node_ids_one_by_one() -> None:
     devices = [
-        Device(load_eds(RICH.replace("DefaultValue=42\n", f"DefaultValue={s}\n"), 1), node_id=255)
+        Device(read_once(RICH.replace("DefaultValue=42\n", f"DefaultValue={s}\n"), 1), node_id=255)
         for s in (42, 1 << 31)
     ]
     for device in devices:
@@ -281,4 +281,4 @@ def test_two_devices_get_their_node_ids_one_by_one() -> None:
 @pytest.mark.parametrize("node_id", [0, 128, 254, 256])
 def test_node_id_outside_its_range(node_id: int) -> None:
     with pytest.raises(ValueError, match=f"node_id {node_id} is outside"):
-        Device(load_eds(RICH, 1), node_id=node_id)
+        Device(read_once(RICH, 1), node_id=node_id)

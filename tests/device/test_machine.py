@@ -4,13 +4,13 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 from one_device import NODE_ID, download, upload
+from read_once import read_once
 from rich_eds import RICH
 
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
 from smarttac_can.device.storage import Memory
-from smarttac_can.od.eds import load_eds
 
 SAVE, LOAD = 0x65766173, 0x64616F6C
 # Parameters that nothing but SDO changes, with the values they take.
@@ -33,7 +33,7 @@ addresses = st.sampled_from(sorted(PARAMETERS))
 class DeviceMachine(RuleBasedStateMachine):
     @initialize()
     def power_on(self) -> None:
-        self.device = Device(load_eds(RICH, NODE_ID), storage=Memory())
+        self.device = Device(read_once(RICH, NODE_ID), storage=Memory())
         self.defaults = {a: self.device.od.number(*a) for a in PARAMETERS}
         self.stored: dict[tuple[int, int], int] = {}
         self.cycle_power()

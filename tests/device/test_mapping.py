@@ -1,9 +1,9 @@
 import pytest
 from one_device import download, play, started
+from read_once import read_once
 from rich_eds import RICH
 
 from smarttac_can.device.device import Device
-from smarttac_can.od.eds import load_eds
 
 MODE, VOLTAGE, COUNTER = 0x21100008, 0x21000110, 0x21200020
 ABORT_STATE, NO_MAP, LENGTH, ACCESS = 0x08000022, 0x06040041, 0x06040042, 0x06010000
@@ -94,7 +94,7 @@ def test_pdo_of_nothing_is_neither_sent_nor_heard() -> None:
 
 def test_default_mapping_that_cannot_be_resolved_disables_the_pdo() -> None:
     text = RICH.replace("0x21200020", "0x29990020", 1)
-    device = Device(load_eds(text, 0x20))
+    device = Device(read_once(text, 0x20))
     device.start()
     assert device.od.entry(0x1801, 1).value == 0xC00002A0
     assert download(device, 0x1801, 1, 0x400002A0, 4) == 0x06020000

@@ -1,5 +1,6 @@
 import pytest
 from one_device import NODE_ID, download, play, upload
+from read_once import read_once
 from rich_eds import RICH
 
 from smarttac_can.device.device import Device
@@ -7,7 +8,6 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
 from smarttac_can.device.service import Application
 from smarttac_can.device.storage import Image, Memory, pack_image, unpack_image
-from smarttac_can.od.eds import load_eds
 
 SAVE, LOAD = 0x65766173, 0x64616F6C
 RESET_NODE = Frame(0, bytes((0x81, NODE_ID)))
@@ -20,7 +20,7 @@ LIMIT = (0x2F00, 0, 30, 2)
 def powered(
     memory: Memory, application: Application | None = None, node_id: int = NODE_ID
 ) -> Device:
-    device = Device(load_eds(RICH, node_id), application, storage=memory)
+    device = Device(read_once(RICH, node_id), application, storage=memory)
     device.start()
     return device
 
@@ -87,7 +87,7 @@ def test_what_the_application_puts_in_is_not_stored() -> None:
                 device.od.entry(0x2F00).value = 60
 
     memory = Memory()
-    device = Device(load_eds(RICH, NODE_ID), Preset(), storage=memory)
+    device = Device(read_once(RICH, NODE_ID), Preset(), storage=memory)
     device.start()
     assert download(device, 0x2F00, 0, 70, 2) == 0
     assert download(device, 0x1010, 1, SAVE, 4) == 0
@@ -114,7 +114,7 @@ def test_what_the_application_puts_in_is_not_stored() -> None:
 def test_foreign_parameters_give_defaults_and_an_emergency(data: bytes) -> None:
     memory = Memory()
     memory.write(data)
-    device = Device(load_eds(RICH, NODE_ID), storage=memory)
+    device = Device(read_once(RICH, NODE_ID), storage=memory)
     play(
         device,
         """

@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 from interrupts import interrupted
 from nodes_on_a_bus import GUARD_S, until
+from read_once import read_once
 from rich_eds import RICH
 
 from smarttac_can.cli.nodes import read_finger
@@ -36,7 +37,6 @@ from smarttac_can.host.files import (
     result_file,
     trouble,
 )
-from smarttac_can.od.eds import load_eds
 
 SPARSE = 8 << 30
 
@@ -233,7 +233,7 @@ EMCY = Frame(0x0A0, bytes.fromhex("3055010000000000"))
 
 
 def powered(path: Path) -> tuple[Device, list[Frame]]:
-    device = Device(load_eds(RICH, 0x20), storage=StorageFile(path))
+    device = Device(read_once(RICH, 0x20), storage=StorageFile(path))
     return device, device.start()
 
 
