@@ -11,7 +11,6 @@ from typing import Any
 import can
 import msgpack
 import pytest
-from can.interfaces.socketcan import SocketcanBus
 from can.interfaces.socketcan.constants import CAN_RTR_FLAG
 from can.interfaces.socketcan.socketcan import build_can_frame, dissect_can_frame
 from can.interfaces.udp_multicast import UdpMulticastBus
@@ -398,21 +397,6 @@ def test_a_socket_that_is_closed_is_an_error_of_the_bus(pair: Pair) -> None:
         under_test.read(deque())
     with pytest.raises(BusError, match="cannot send frame 001"):
         under_test.send(Frame(1))
-
-
-class KernelFilters(SocketcanBus):
-    """A SocketCAN bus without its socket, which may not exist here."""
-
-    def __init__(self, end: socket.socket) -> None:
-        self.end = end
-        self.asked: list[list[dict[str, object]] | None] = []
-        self._is_shutdown = True
-
-    def fileno(self) -> int:
-        return self.end.fileno()
-
-    def set_filters(self, filters: list[dict[str, object]] | None) -> None:
-        self.asked.append(filters)
 
 
 def test_only_an_interface_whose_bytes_are_known_is_used(
