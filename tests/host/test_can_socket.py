@@ -73,7 +73,7 @@ def test_python_can_unpacks_what_goes_to_the_group(frame: Frame) -> None:
 
 
 @many
-@given(st.lists(messages(), max_size=4))
+@given(st.lists(messages(), max_size=2))
 def test_what_python_can_packs_is_heard_each_time(sent: list[can.Message]) -> None:
     codec = _Multicast()
     for message in sent + sent:

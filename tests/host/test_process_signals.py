@@ -162,9 +162,11 @@ def test_a_node_whose_parent_is_killed_says_zero_volts_and_ends(
 
 DEAF = """
     import multiprocessing, os, signal, time
+    from smarttac_can.host import process_signals
     from smarttac_can.host.process_signals import end_with_parent
 
     def run():
+        process_signals._PARTING_S = 0.5
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
         end_with_parent()
         print(os.getpid(), flush=True)

@@ -233,14 +233,14 @@ def test_timers_are_asked_only_when_the_next_is_due() -> None:
 
 
 @pytest.mark.parametrize("cost", [0, 10, 100, 125, 130, 500, 999, 1000, 1001, 2000, 3500, 5000])
-@pytest.mark.parametrize("period", [0, 100, 1000, 2500])
+@pytest.mark.parametrize("period", [10, 100, 1000, 2500])
 def test_a_flood_does_not_hold_up_time(cost: int, period: int) -> None:
-    host = Host(every(max(period, 10)), until=500_000, frame_cost=cost)
+    host = Host(every(period), until=200_000, frame_cost=cost)
     node = PunctualNode(host)
     run(node, host)
     assert max(node.behind) <= PROMISE_US
-    assert node.ticks + node.missed >= 480
-    assert host.ids_sent().count(REPLY + 1) > 80, "and the bus is heard"
+    assert node.ticks + node.missed >= 180
+    assert host.ids_sent().count(REPLY + 1) > 32, "and the bus is heard"
 
 
 @pytest.mark.parametrize("cost", [10, 125, 1000, 5000])
@@ -254,7 +254,7 @@ def test_a_flood_leaves_the_processor_to_others_now_and_then(cost: int) -> None:
 @pytest.mark.parametrize("period", [None, 1000, 10])
 def test_cycles_that_take_too_long_leave_it_to_others_too(cost: int, period: int | None) -> None:
     arrivals = () if period is None else every(period)
-    host = Host(arrivals, until=1_000_000, frame_cost=10)
+    host = Host(arrivals, until=300_000, frame_cost=10)
     node = PunctualNode(host, advance_cost=cost)
     run(node, host, resting=True)
     assert host.asleep >= 500 * (host.now // (13_000 + cost))

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich_eds import RICH
 
+from smarttac_can.od import eds as module
 from smarttac_can.od.cia import DataType, ObjectType
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import EDSError, load_eds
@@ -274,13 +275,15 @@ def test_a_file_with_more_than_1000_odd_lines_is_none() -> None:
         load_eds(var(*["odd"] * 1001, "PDOMapping=0"), 1)
 
 
-def test_a_device_has_at_most_32768_sub_indices() -> None:
+def test_the_sub_indices_of_a_device_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     """CompactSubObj makes 254 of them in a line, beside the one that counts them."""
+    assert module.MAX_ENTRIES == 32_768, "which take seconds"
+    monkeypatch.setattr(module, "MAX_ENTRIES", 510)
     array = ("ParameterName=X", "ObjectType=8", "DataType=5", "AccessType=ro")
-    lines = [f"[{0x3000 + i:X}]\n" + "\n".join((*array, "CompactSubObj=254")) for i in range(129)]
+    lines = [f"[{0x3000 + i:X}]\n" + "\n".join((*array, "CompactSubObj=254")) for i in range(2)]
     lines += ["[4000]", *array]
-    assert sum(1 for _ in load_eds(eds(*lines, "CompactSubObj=2"), 1)) == 32_768 + 130
-    with pytest.raises(EDSError, match="there are more than 32768 sub-indices"):
+    assert sum(1 for _ in load_eds(eds(*lines, "CompactSubObj=2"), 1)) == 510 + 3
+    with pytest.raises(EDSError, match="there are more than 510 sub-indices"):
         load_eds(eds(*lines, "CompactSubObj=3"), 1)
 
 
