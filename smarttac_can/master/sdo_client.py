@@ -10,11 +10,13 @@ from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError, SdoEr
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.master.requests import ABORT, INITIATES, answers
-from smarttac_can.od.cia import SDO_RX_ID, SDO_TX_ID
+from smarttac_can.od.cia import SDO_RX_ID, SDO_TX_ID, AbortCode
 
 _INITIATED: Final = (3, 2)
 _PAUSES_S: Final = tuple(2e-3 * attempt for attempt in range(20))
 _NO_TRANSFER: Final = bytes((ABORT, *bytes(7)))
+_UNDER_WAY: Final = (AbortCode.TOGGLE, AbortCode.TIME_OUT)
+"""Codes that abort a transfer under way, and so never answer the request that initiates one."""
 
 
 class NoAnswerError(SdoCommunicationError):  # type: ignore[misc]  # python-canopen is untyped
@@ -114,6 +116,8 @@ class SharedSdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]  # python-ca
             return
         # A server has one transfer: it drops this one when another client begins.
         self._dropped |= self._answered and response[0] >> 5 in _INITIATED
+        if self._initiating and response[0] == ABORT and _abort_code(response) in _UNDER_WAY:
+            return  # another client that reads the same entry
         if answers(Frame(can_id, response), Frame(self.rx_cobid, self._request)):
             self._answered = True
             super().on_response(can_id, data, timestamp)
@@ -125,3 +129,7 @@ class SharedSdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]  # python-ca
     def _require_transfer(self) -> None:
         if self._dropped and not self._initiating:
             raise SdoCommunicationError("another client has begun a transfer")
+
+
+def _abort_code(response: bytes) -> int:
+    return int.from_bytes(response[4:], "little")

@@ -73,8 +73,13 @@ class Server(canopen.Network):  # type: ignore[misc]  # python-canopen is untype
         "6001200000000000",
         "8000200031000906",
         "0100000000000000",
+        "8001200000000305",
+        "8001200000000405",
     ],
-    ids=["a read", "a write", "a write of the same", "a refusal", "a segment"],
+    ids=[
+        *("a read", "a write", "a write of the same", "a refusal", "a segment"),
+        *("the end of a read of the same", "one that took too long"),
+    ],
 )
 def test_answers_to_others_are_not_taken(foreign: str) -> None:
     client = SharedSdoClient(Server(foreign, "4F01200005000000"), 32, 0.0)
