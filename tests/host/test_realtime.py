@@ -23,6 +23,8 @@ from smarttac_can.host.realtime import (
 
 NOBODY = 65534
 MEGABYTE = 1 << 20
+ALLOWED = sorted(os.sched_getaffinity(0))
+"""Processors of this process, and of those that it begins."""
 
 
 class Garbage:
@@ -186,6 +188,7 @@ def granted(priority: int) -> dict[str, bool]:
 
 def test_each_is_given_or_its_cure() -> None:
     answer, given = ask(42), granted(42)
+    assert answer["cpus"] == ALLOWED, "none was asked for"
     assert answer["thread"] == os.SCHED_OTHER, "threads from then on are ordinary"
     cures = []
     if given["priority"]:
@@ -201,9 +204,14 @@ def test_each_is_given_or_its_cure() -> None:
     assert answer["refused"] == cures
 
 
-@pytest.mark.parametrize(("locked", "reason"), [(0, "EPERM"), (MEGABYTE, "ENOMEM")])
-def test_an_ordinary_user_is_told_the_cure_of_each_and_goes_on(locked: int, reason: str) -> None:
-    answer = ask(7, unprivileged=True, locked=locked)
+@pytest.mark.parametrize(
+    ("locked", "reason", "cpu"), [(0, "EPERM", ALLOWED[0]), (MEGABYTE, "ENOMEM", ALLOWED[-1])]
+)
+def test_an_ordinary_user_has_a_processor_and_is_told_the_cure_of_each_other(
+    locked: int, reason: str, cpu: int
+) -> None:
+    answer = ask(7, cpu, unprivileged=True, locked=locked)
+    assert answer["cpus"] == [cpu]
     assert answer["refused"] == [cure_of_priority(7), cure_of_memory(reason)]
     assert all("\n" not in line for line in answer["refused"])
     assert (answer["policy"], answer["priority"]) == (os.SCHED_OTHER, 0)
@@ -211,24 +219,14 @@ def test_an_ordinary_user_is_told_the_cure_of_each_and_goes_on(locked: int, reas
     assert answer["locked_kb"] == 0
 
 
-def test_processor() -> None:
-    allowed = sorted(os.sched_getaffinity(0))
-    for cpu in {allowed[0], allowed[-1]}:
-        answer = ask(10, cpu, unprivileged=True)
-        assert answer["cpus"] == [cpu]
-        assert not any("processor" in line for line in answer["refused"])
-    assert ask(10, None)["cpus"] == allowed
-
-
 @pytest.mark.parametrize("cpu", [1023, 10**6, 10**12, 10**30])
 def test_a_processor_that_is_not_there_is_refused_with_those_that_are(cpu: int) -> None:
-    allowed = sorted(os.sched_getaffinity(0))
-    given = ",".join(str(number) for number in allowed)
+    given = ",".join(str(number) for number in ALLOWED)
     with pytest.raises(ValueError) as told:
         request_real_time(10, cpu)
     words = "is none of those that this process may use"
     assert str(told.value) == f"processor {cpu} {words}: {given}"
-    assert sorted(os.sched_getaffinity(0)) == allowed
+    assert sorted(os.sched_getaffinity(0)) == ALLOWED
     assert os.sched_getscheduler(0) == os.SCHED_OTHER, "nothing else was asked for"
 
 

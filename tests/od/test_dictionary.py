@@ -1,20 +1,12 @@
-from decimal import Decimal
-
 import pytest
 
 from smarttac_can.od.cia import Abort, AbortCode, DataType, ObjectType
 from smarttac_can.od.dictionary import Object, ObjectDictionary
 from smarttac_can.od.entry import MAX_BYTES, Entry
-from smarttac_can.od.units import Quantity
-
-TEN_MILLIVOLTS = Quantity(Decimal(10), "mV")
 
 
 def voltage() -> Entry:
-    return Entry(
-        0x2100, 1, "Setpoint.Voltage", DataType.UNSIGNED16, "rww",
-        low=5, high=20000, default=100, pdo=True, unit=TEN_MILLIVOLTS,
-    )  # fmt: skip
+    return Entry(0x2100, 1, "Setpoint.Voltage", DataType.UNSIGNED16, "rww", default=100)
 
 
 def dictionary(*entries: Entry) -> ObjectDictionary:
