@@ -86,27 +86,30 @@ def test_a_log_is_never_written_over(log: Path) -> None:
     assert log.read_bytes() == before
 
 
-@pytest.mark.parametrize("content", [b"", b"something else", b"SMARTTAC recording log 1\n\xff\xff"])
+@pytest.mark.parametrize("content", [b"", b"something else"])
 def test_another_file_is_refused(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "log").write_bytes(content)
-    with pytest.raises(ValueError, match=r"log: is no log|log is no log|the head of .* is damaged"):
+    with pytest.raises(ValueError, match=r"/log is no log of a recording$"):
         FrameLogReader(tmp_path / "log")
 
 
-@pytest.mark.parametrize("text", [b"[" * 100_000, b"{", b'{"a": ' + b"9" * 5000 + b"}", b"[]"])
-def test_a_head_that_is_none_is_damaged(tmp_path: Path, text: bytes) -> None:
-    sizes = struct.pack("<II", len(text), crc32(text))
-    (tmp_path / "log").write_bytes(b"SMARTTAC recording log 1\n" + sizes + text)
+def head(text: bytes) -> bytes:
+    return struct.pack("<II", len(text), crc32(text)) + text
+
+
+@pytest.mark.parametrize(
+    "rest",
+    [
+        b"\xff\xff",
+        head(b'{"a": 1}')[:-2] + b"2}",
+        *map(head, (b"[" * 100_000, b"{", b'{"a": ' + b"9" * 5000 + b"}", b"[]")),
+    ],
+    ids=["cut", "a wrong sum", "too deep", "open", "too large", "no map"],
+)
+def test_a_damaged_head_is_named(tmp_path: Path, rest: bytes) -> None:
+    (tmp_path / "log").write_bytes(b"SMARTTAC recording log 1\n" + rest)
     with pytest.raises(ValueError, match=r"the head of .* is damaged: nothing can be made of it"):
         FrameLogReader(tmp_path / "log")
-
-
-def test_a_damaged_head_is_named(log: Path) -> None:
-    damaged = bytearray(log.read_bytes())
-    damaged[40] ^= 1
-    log.write_bytes(damaged)
-    with pytest.raises(ValueError, match=r"the head of .* is damaged: nothing can be made of it"):
-        FrameLogReader(log)
 
 
 def test_a_disk_that_is_full_is_told_and_stops_nothing(tmp_path: Path, monkeypatch: Any) -> None:

@@ -39,10 +39,8 @@ def test_both_round_and_clip_as_an_entry_does(si: float) -> None:
     eager, lazy = entries()[:2], entries()[:2]
     Quantiser(eager).write((si, si))
     QuantisedOnDemand(lazy).row = (si, si)
-    assert [entry.value for entry in eager] == [entry.quantise(si) for entry in entries()[:2]]
-    lazy_row = entries()[:2]
-    QuantisedOnDemand(lazy_row).row = (si, si)
-    assert [entry.read() for entry in lazy_row] == [entry.value for entry in eager]
+    wanted = [entry.quantise(si) for entry in entries()[:2]]
+    assert [entry.value for entry in eager] == [entry.read() for entry in lazy] == wanted
 
 
 def test_the_defaults_are_there_before_a_row_is_and_after_a_reset() -> None:
