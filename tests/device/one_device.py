@@ -76,6 +76,23 @@ def download(device: Device, index: int, subindex: int, value: int, size: int) -
     return 0
 
 
+def reconfigure(device: Device, n: int, *, transmission: int, inhibit: int = 0, event: int = 0,
+                start: int = 0, rtr: bool = False) -> None:  # fmt: skip
+    """Change a TPDO by the book."""
+    record = 0x1800 + n - 1
+    cob_id = device.od.entry(record, 1).value & 0x7FF
+    flags = 0 if rtr else 0x40000000
+    for subindex, value, size in (
+        (1, 0x80000000 | flags | cob_id, 4),
+        (2, transmission, 1),
+        (3, inhibit, 2),
+        (5, event, 2),
+        (6, start, 1),
+        (1, flags | cob_id, 4),
+    ):
+        assert download(device, record, subindex, value, size) == 0
+
+
 def upload(device: Device, index: int, subindex: int) -> int | bytes:
     """Read by SDO, expedited or segmented; return the abort code or the bytes."""
     address = index.to_bytes(2, "little") + bytes((subindex,))

@@ -1,5 +1,5 @@
 import pytest
-from one_device import download, play, started
+from one_device import download, play, reconfigure, started
 
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
@@ -246,23 +246,6 @@ def test_nobody_is_late_whom_nobody_waits_for() -> None:
 
 
 T2 = 0x1801
-
-
-def reconfigure(device: Device, n: int, *, transmission: int, inhibit: int = 0, event: int = 0,
-                start: int = 0, rtr: bool = False) -> None:  # fmt: skip
-    """Change a TPDO by the book."""
-    record = 0x1800 + n - 1
-    cob_id = device.od.entry(record, 1).value & 0x7FF
-    flags = 0 if rtr else 0x40000000
-    for subindex, value, size in (
-        (1, 0x80000000 | flags | cob_id, 4),
-        (2, transmission, 1),
-        (3, inhibit, 2),
-        (5, event, 2),
-        (6, start, 1),
-        (1, flags | cob_id, 4),
-    ):
-        assert download(device, record, subindex, value, size) == 0
 
 
 def test_type_0_waits_for_the_sync_after_the_event() -> None:

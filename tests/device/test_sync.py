@@ -1,5 +1,5 @@
 import pytest
-from one_device import download, play, started
+from one_device import download, play, reconfigure, started
 
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
@@ -26,9 +26,7 @@ def test_counting_starts_anew_in_operational() -> None:
 def test_rpdo_is_latched_then_the_application_runs_then_tpdos_are_sampled() -> None:
     application = Order()
     device = started(application)
-    download(device, 0x1801, 1, 0x800002A0, 4)
-    download(device, 0x1801, 2, 1, 1)
-    download(device, 0x1801, 1, 0x400002A0, 4)
+    reconfigure(device, 2, transmission=1)
 
     def count() -> bool:
         application.calls.append("sync")
@@ -163,8 +161,7 @@ def test_an_application_with_nothing_to_sample_keeps_synchronous_tpdos_back() ->
 
     application = Silent()
     device = started(application)
-    for subindex, value, size in ((1, 0x800002A0, 4), (2, 1, 1), (1, 0x400002A0, 4)):
-        download(device, 0x1801, subindex, value, size)
+    reconfigure(device, 2, transmission=1)
     sync = Frame(0x80)
     assert device.receive(sync) == []
     application.measures = True
