@@ -57,6 +57,7 @@ def test_a_second_on_a_simulated_plate(multicast: dict[str, Any], tmp_path: Path
     assert figures["ticks"] > 0
     assert 0 <= figures["missed"] <= figures["ticks"]
     assert figures["gap_max_us"] > 0
+    assert figures["refused"] == [], "nothing was asked for"
     deadline = figures["deadline_ms"]
     if deadline is None:
         assert figures["stage"] is None

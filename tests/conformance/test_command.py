@@ -71,7 +71,7 @@ def test_the_sheet_of_another_device_is_named(conform: Conform, tmp_path: Path) 
     other = tmp_path / "other.eds"
     code = RICH.split("[1018sub2]")[1].split("DefaultValue=")[1].splitlines()[0]
     other.write_text(RICH.replace(f"DefaultValue={code}", "DefaultValue=0x0000ABCD"))
-    result = conform("--eds", str(other), "--timeout", "3", "--case", "HB-01")
+    result = conform("--eds", str(other), "--timeout", "1", "--case", "HB-01")
     said = (
         "other.eds may be of another device than node 9: product code is "
         f"{int(code, 0):08X}h, not 0000ABCDh"
@@ -81,7 +81,7 @@ def test_the_sheet_of_another_device_is_named(conform: Conform, tmp_path: Path) 
 
 @pytest.mark.usefixtures("device")
 def test_results_on_stdout_are_alone_there(conform: Conform) -> None:
-    result = conform("--timeout", "3", "--case", "SDO-01", "--json", "-")
+    result = conform("--timeout", "1", "--case", "SDO-01", "--json", "-")
     assert json.loads(result.stdout)["counts"] == {"pass": 1}
     assert result.stderr.splitlines()[0] == "pass  SDO-01    Expedited upload"
 
