@@ -245,9 +245,9 @@ def test_a_flood_does_not_hold_up_time(cost: int, period: int) -> None:
 
 @pytest.mark.parametrize("cost", [10, 125, 1000, 5000])
 def test_a_flood_leaves_the_processor_to_others_now_and_then(cost: int) -> None:
-    host = Host(every(10), until=500_000, frame_cost=cost)
+    host = Host(every(10), until=200_000, frame_cost=cost)
     run(PunctualNode(host), host, resting=True)
-    assert host.rests * 500 >= 0.02 * 500_000
+    assert host.rests * 500 >= 0.02 * 200_000
 
 
 @pytest.mark.parametrize("cost", [940, 990, 1000, 1001, 1500, 2500, 5000, 30_000])
@@ -525,7 +525,7 @@ def test_who_has_time_is_told() -> None:
 @pytest.mark.parametrize("cost", [0, 1000, 3000])
 @pytest.mark.parametrize("full", [False, True])
 def test_who_has_no_time_is_told_each_50_ms(lockstep: bool, cost: int, full: bool) -> None:
-    host = Host(every(10), until=400_000, frame_cost=10, full=lambda now: full and now > 5000)
+    host = Host(every(10), until=200_000, frame_cost=10, full=lambda now: full and now > 5000)
     node = PunctualNode(host, advance_cost=cost) if cost else ToyNode()
     run(node, host, lockstep=lockstep, observer=(follower := Follower(host)))
     gaps = [after - before for before, after in pairwise([0, *follower.followed])]
