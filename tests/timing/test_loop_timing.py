@@ -46,14 +46,12 @@ class Loop:
     def feed(self, ms: float, frame: Frame) -> None:
         self.timing.feed(START + ms * MS, frame)
 
-    def cycle(
-        self, tick: int, *, late: float = 0.0, measured: float = MEASURED, driven: float = DRIVEN
-    ) -> None:
-        """The cycle of the SYNC of a tick, all within its ms; delays in s."""
-        at = tick + late
+    def cycle(self, tick: int, at: float | None = None) -> None:
+        """The cycle of a tick, with SYNC at so many ms; by default as many as the tick."""
+        at = tick if at is None else at
         self.feed(at, sync())
-        self.feed(at + measured / MS, measurement(tick))
-        self.feed(at + driven / MS, drive(tick))
+        self.feed(at + MEASURED / MS, measurement(tick))
+        self.feed(at + DRIVEN / MS, drive(tick))
 
     def cycles(self, first: int, end: int) -> None:
         for tick in range(first, end):
@@ -105,7 +103,7 @@ def test_what_came_before_the_first_sync_is_ignored(loop: Loop) -> None:
 
 def test_a_late_sync_and_the_one_after_it(loop: Loop) -> None:
     loop.cycles(0, 10)
-    loop.cycle(10, late=0.3)
+    loop.cycle(10, at=10.3)
     loop.cycles(11, 21)
     assert (loop.timing.ticks, loop.timing.missed) == (20, 0)
     assert loop.timing.sync.counts == {0: 19, 300: 1}
@@ -116,14 +114,9 @@ def test_a_late_sync_and_the_one_after_it(loop: Loop) -> None:
 def test_ticks_without_a_sync(late: float, loop: Loop) -> None:
     """The plate's tick counts go on without a gap: nobody has heard more."""
     loop.cycles(0, 10)
-    at = 14 + late
-    loop.feed(at, sync())
-    loop.feed(at + 0.2, measurement(10))
-    loop.feed(at + 0.45, drive(10))
+    loop.cycle(10, at=14 + late)
     for n in range(15, 21):
-        loop.feed(n, sync())
-        loop.feed(n + 0.2, measurement(n - 4))
-        loop.feed(n + 0.45, drive(n - 4))
+        loop.cycle(n - 4, at=n)
     timing = loop.timing
     assert (timing.ticks, timing.missed, timing.lost) == (20, 4, 0)
     assert timing.sync.quantile_us(1.0) == pytest.approx(4000 + 1000 * late, abs=1)
@@ -188,10 +181,9 @@ def test_a_drive_answers_no_measurement_of_256_ticks_ago(loop: Loop) -> None:
 
 
 def test_a_drive_that_is_sent_again_counts_once(loop: Loop) -> None:
-    loop.cycles(0, 10)
-    loop.cycle(10)
+    loop.cycles(0, 11)
     loop.feed(10.8, drive(10))
-    loop.cycles(11, 12)
+    loop.cycle(11)
     assert loop.timing.drive.counts == {450: 12}
     assert loop.timing.gap_s == pytest.approx(MS, abs=1e-6)
 
@@ -231,10 +223,9 @@ def test_measurements_that_were_not_heard(loop: Loop) -> None:
 
 def test_ticks_that_a_late_plate_passes_over_are_missed(loop: Loop) -> None:
     loop.cycles(0, 10)
-    for n in range(10, 25):
+    for n in range(10, 24):
         loop.feed(n, sync())
-    loop.feed(24.2, measurement(24))
-    loop.feed(24.45, drive(24))
+    loop.cycle(24)
     loop.cycles(25, 31)
     timing = loop.timing
     assert (timing.ticks, timing.missed, timing.lost) == (30, 14, 0)
@@ -246,9 +237,7 @@ def test_a_sync_that_the_plate_has_not_heard_shifts_nothing_for_long(loop: Loop)
     loop.cycles(0, 10)
     loop.feed(10, sync())
     for n in range(11, 111):
-        loop.feed(n, sync())
-        loop.feed(n + 0.2, measurement(n - 1))
-        loop.feed(n + 0.45, drive(n - 1))
+        loop.cycle(n - 1, at=n)
     timing = loop.timing
     assert timing.measurement.counts == {200: 60, 1200: 50}
     assert (timing.ticks, timing.missed, timing.lost) == (110, 51, 0)
@@ -257,9 +246,7 @@ def test_a_sync_that_the_plate_has_not_heard_shifts_nothing_for_long(loop: Loop)
 def test_a_run_that_starts_anew_loses_nothing(loop: Loop) -> None:
     loop.cycles(0, 100)
     for n in range(100, 121):
-        loop.feed(n, sync())
-        loop.feed(n + 0.2, measurement(n - 100))
-        loop.feed(n + 0.45, drive(n - 100))
+        loop.cycle(n - 100, at=n)
     timing = loop.timing
     assert (timing.ticks, timing.missed, timing.lost) == (120, 0, 0)
     assert timing.drive.counts == {450: 121}
@@ -317,9 +304,7 @@ def test_the_keys_of_the_json(loop: Loop) -> None:
 
 def test_without_a_deadline_there_is_no_stage(loop: Loop) -> None:
     loop.cycles(0, 10)
-    loop.feed(110, sync())
-    loop.feed(110.2, measurement(10))
-    loop.feed(110.4, drive(10))
+    loop.cycle(10, at=110)
     figures = loop.timing.as_json()
     assert figures["deadline_ms"] is None
     assert figures["stage"] is None
