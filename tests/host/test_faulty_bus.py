@@ -22,12 +22,14 @@ from smarttac_can.host.local_bus import Connection, LocalBus
 class Bench:
     """A toy node and a master that sends SYNC, and all frames on the bus."""
 
-    def __init__(self, seed: int = 1, node: ToyNode | None = None) -> None:
+    def __init__(
+        self, seed: int = 1, node: ToyNode | None = None, *, lockstep: bool = True
+    ) -> None:
         self.frames: list[Frame] = []
         self.bus = FaultyBus(seed, log=lambda _time, frame: self.frames.append(frame))
         self.master = self.bus.connect(lambda frame: None)
         self.node = node or ToyNode()
-        self.port: Connection = self.bus.attach(self.node)
+        self.port: Connection = self.bus.attach(self.node, lockstep=lockstep)
         del self.frames[:]
 
     def cycles(self, count: int) -> list[Frame]:
@@ -69,16 +71,14 @@ def test_lost_frame_is_not_on_the_bus() -> None:
 
 
 def test_segments_are_lost_as_other_frames_are() -> None:
-    bus = FaultyBus(log=lambda _time, frame: frames.append(frame))
-    frames: list[Frame] = []
-    master = bus.connect(lambda frame: None)
-    bus.attach(StreamingNode())
+    bench = Bench(node=StreamingNode())
     sent = [Frame(SEGMENT + 1, bytes((k,))) for k in range(255)]
     for share, least, most in ((0.0, 255, 255), (0.3, 100, 254), (1.0, 0, 0)):
-        bus.disturbances = [Disturbance(FrameFault.LOSS, frozenset((SEGMENT + 1,)), share)]
-        del frames[:]
-        master.send(Frame(REQUEST + 1, b"\xff"))
-        came = frames[2:]
+        bench.bus.disturbances.clear()
+        bench.disturb(FrameFault.LOSS, SEGMENT + 1, share=share)
+        del bench.frames[:]
+        bench.master.send(Frame(REQUEST + 1, b"\xff"))
+        came = bench.frames[2:]
         assert least <= len(came) <= most
         assert came == [frame for frame in sent if frame in came]
 
@@ -159,15 +159,13 @@ def test_paused_process_takes_everything_afterwards() -> None:
 
 
 def test_paused_process_in_real_time_has_the_time_first() -> None:
-    bus = FaultyBus()
-    master = bus.connect(lambda frame: None)
-    node = ToyNode()
-    port = bus.attach(node, lockstep=False)
-    bus.pause(port)
+    bench = Bench(lockstep=False)
+    node = bench.node
+    bench.bus.pause(bench.port)
     for _ in range(300):
-        bus.advance(1000)
-        master.send(SYNC)
-    bus.resume(port)
+        bench.bus.advance(1000)
+        bench.master.send(SYNC)
+    bench.bus.resume(bench.port)
     assert node.late == [300_000], "before it hears a frame"
     assert len(node.heard) == 256, "a queue is full some time"
     assert node.passed == [SYNC] * 255, "all but the newest are overtaken"
@@ -175,25 +173,20 @@ def test_paused_process_in_real_time_has_the_time_first() -> None:
 
 
 def test_clogged_node_is_told_by_its_outbox_and_says_the_rest_later() -> None:
-    frames: list[Frame] = []
-    bus = FaultyBus(log=lambda _time, frame: frames.append(frame))
-    master = bus.connect(lambda frame: None)
-    node = ToyNode()
-    port = bus.attach(node, lockstep=False)
-    bus.clog(port, 4)
-    frames.clear()
+    bench = Bench(lockstep=False)
+    bench.bus.clog(bench.port, 4)
     failures = []
     for _ in range(6):
-        bus.advance(1000)
-        master.send(SYNC)
-        failures.append(node.failures)
+        bench.bus.advance(1000)
+        bench.master.send(SYNC)
+        failures.append(bench.node.failures)
     assert failures[:3] == [0, 1, 2], "one that was not handed over in its cycle, of each"
-    others = [(n, f.can_id) for n, f in enumerate(frames) if f != SYNC]
+    others = [(n, f.can_id) for n, f in enumerate(bench.frames) if f != SYNC]
     assert others[0][0] == 3, "nothing before"
     assert EMERGENCY + 1 in [can_id for _, can_id in others]
     assert others[-1][1] == REPORT
     with pytest.raises(ValueError, match="cycles 0 is below 1"):
-        bus.clog(port, 0)
+        bench.bus.clog(bench.port, 0)
 
 
 class TalkativeNode(ToyNode):
