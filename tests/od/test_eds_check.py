@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rich_eds import RICH, RICH_EDS
+from rich_eds import RICH, RICH_EDS, changed, without
 
 from smarttac_can.od.eds_check import check_eds
 
@@ -25,25 +25,6 @@ OWN = (Path(__file__).parents[2] / "eds").glob("*.eds")
 
 def lines(text: str) -> list[str]:
     return [str(finding) for finding in check_eds(text, "rich.eds")]
-
-
-def changed(section: str, *edits: str) -> str:
-    """Rich EDS with keys of a section set (``Key=Value``) or left out (``Key``)."""
-    head, found, rest = f"\n{RICH}".partition(f"\n[{section}]\n")
-    assert found, section
-    body, gap, tail = rest.partition("\n\n")
-    for edit in edits:
-        key, equals, _ = edit.partition("=")
-        body, count = re.subn(rf"(?m)^{key}=.*\n?", "", body)
-        assert count <= 1
-        body = f"{body.rstrip()}\n{edit}" if equals else body.rstrip()
-    return head + found + body + gap + tail
-
-
-def without(section: str) -> str:
-    head, found, rest = RICH.partition(f"\n[{section}]\n")
-    assert found, section
-    return head + "\n" + rest.partition("\n\n")[2]
 
 
 @pytest.mark.parametrize("path", [RICH_EDS, *sorted(OWN)])
