@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Final
 
+from nodes_on_a_bus import until
 from read_once import read_once
 from rich_eds import RICH
 
@@ -19,8 +20,6 @@ from smarttac_can.od.cia import COB_INVALID, LSS_MASTER_ID, UNCONFIGURED, NMTCom
 
 NODE_ID: Final = 0x20
 ROUNDS: Final = 20
-GUARD_S: Final = 60.0
-"""Only ever waited for by a test that is about to fail."""
 _RPDO_ID: Final = 0x200 + NODE_ID
 """Of RPDO 1 after a reset."""
 _OTHER_IDS: Final = (0x2A0, 0x3A1)
@@ -71,9 +70,7 @@ def _nmt(command: NMTCommand) -> Frame:
 
 def _enter(client: Client, node: DeviceNode, command: NMTCommand, state: NMTState) -> None:
     client.send(_nmt(command))
-    end = time.monotonic() + GUARD_S
-    while node.device.nmt_state is not state and time.monotonic() < end:
-        time.sleep(0.0005)
+    until(lambda: node.device.nmt_state is state, pause=0.0005)
     # What the host does with the new state comes behind it.
     time.sleep(0.002)
 

@@ -15,9 +15,9 @@ from can.interfaces.socketcan.constants import CAN_RTR_FLAG
 from can.interfaces.socketcan.socketcan import build_can_frame, dissect_can_frame
 from can.interfaces.udp_multicast import UdpMulticastBus
 from can.interfaces.udp_multicast.utils import pack_message, unpack_message
-from conftest import GUARD_S
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from nodes_on_a_bus import GUARD_S
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host import can_socket

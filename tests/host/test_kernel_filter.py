@@ -14,8 +14,8 @@ import can
 import msgpack
 import pytest
 from can.interfaces.socketcan import SocketcanBus
-from conftest import GUARD_S
 from interrupts import interrupted
+from nodes_on_a_bus import GUARD_S
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host import kernel_filter

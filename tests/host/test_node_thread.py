@@ -3,7 +3,7 @@
 import sys
 
 import pytest
-from conftest import GUARD_S
+from nodes_on_a_bus import GUARD_S
 from toy_node import BOOT_UP, OFF, REPLY, REQUEST, ToyNode
 
 from smarttac_can.device.frame import Frame

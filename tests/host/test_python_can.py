@@ -8,9 +8,9 @@ from typing import Any
 
 import can
 import pytest
-from conftest import GUARD_S
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from nodes_on_a_bus import GUARD_S
 from toy_node import SYNC
 
 from smarttac_can.device.frame import Frame

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from conftest import GUARD_S
+from nodes_on_a_bus import GUARD_S
 
 from smarttac_can.bench import Stimulator
 from smarttac_can.host import terminal as module

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 
 import pytest
-from back_to_back import CASES, GUARD_S, Client, make_node, make_node_without_id, node_id_and_sdo
+from back_to_back import CASES, Client, make_node, make_node_without_id, node_id_and_sdo
+from nodes_on_a_bus import GUARD_S, until
 from processes import CHANNEL
 
 from smarttac_can.device.frame import Frame
@@ -45,7 +45,5 @@ def test_what_follows_a_command_at_once_is_not_lost(case: str, lockstep: bool) -
 def test_what_follows_the_first_node_id_at_once_is_not_lost(lockstep: bool) -> None:
     node = make_node_without_id()
     with client_of(node, lockstep=lockstep) as client:
-        end = time.monotonic() + GUARD_S
-        while not node.ids.heard and time.monotonic() < end:
-            time.sleep(0.001)
+        until(lambda: node.ids.heard)
         node_id_and_sdo(client)
