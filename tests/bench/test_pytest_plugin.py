@@ -1,4 +1,7 @@
-"""The fixtures that come with the package, as a user's own tests take them."""
+"""The fixtures that come with the package, as a user's own tests take them.
+
+The tests with the fixture ``bench`` drive the fixture ``stimulator`` as one of its links.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -11,15 +14,6 @@ from smarttac_can.bench import BenchError, Stimulator
 Make = Callable[..., Stimulator]
 
 pytest_plugins = ("pytester",)
-
-
-def test_the_stimulator_is_ready(stimulator: Stimulator) -> None:
-    stimulator.finger.stroke(1)
-    stimulator.start_run()
-    stimulator.tare()
-    stimulator.amplitude = 1.0
-    stimulator.mode = "amplitude resonance"
-    assert abs(stimulator.run(0.1).amplitude_um[-1] - 1.0) < 0.05
 
 
 def test_another_party_on_its_bus(smarttac_bus: dict[str, Any], stimulator: Stimulator) -> None:
