@@ -398,6 +398,7 @@ def test_identify(bench: Stimulator) -> None:
     assert model.f0 == pytest.approx(43_250.0, abs=2.0)
     assert model.tau == pytest.approx(0.944e-3, rel=0.02)
     assert model.gain == pytest.approx(50e-9, rel=0.02)
+    assert bench.get("Model.Temperature", "degC") == pytest.approx(30.0, abs=0.2)
     assert bench.mode is Mode.OFF
     assert bench.message == ""
     assert steps == sorted(steps)

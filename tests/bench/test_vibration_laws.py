@@ -111,13 +111,3 @@ def test_a_pickup_that_reads_too_little_is_seen_whatever_the_law(
     bench.set("Fault.Kind", FaultKind.GAIN)
     with pytest.raises(FaultError):
         bench.run(0.1)
-
-
-def test_an_identification_keeps_the_temperature_it_was_made_at(bench: Stimulator) -> None:
-    bench.finger.lift()
-    bench.finger.surroundings(seed=1, temperature=30.0)
-    bench.start_run()
-    bench.tare()
-    bench.frequency = 43_250.0
-    bench.identify()
-    assert bench.get("Model.Temperature", "degC") == pytest.approx(30.0, abs=0.2)
