@@ -19,6 +19,7 @@ from nodes_on_a_bus import (
 
 from smarttac_can.bench import BenchError, NotRunningError, State, Stimulator, can_link, selftest
 from smarttac_can.bench.calibration import mean_gauges
+from smarttac_can.bench.remote_device import bench_id
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 
 
@@ -201,3 +202,14 @@ def test_a_watch_that_a_reset_has_cleared_is_set_up_by_the_next_arm(
         device.write(device.od.entry(0x1016, 1), 0)
         bench.arm()
         assert watched(bench).count(BENCH_WATCH) == 1
+
+
+def test_the_heartbeat_has_a_node_id_of_its_own_for_each_of_16_stimulators_in_a_row() -> None:
+    assert bench_id(32) == 127
+    for first in range(1, 112):
+        ids = [bench_id(node_id) for node_id in range(first, first + 16)]
+        assert sorted(ids) == list(range(112, 128))
+
+
+def test_the_heartbeat_never_has_the_node_id_of_the_stimulator() -> None:
+    assert all(bench_id(node_id) != node_id for node_id in range(1, 128))
