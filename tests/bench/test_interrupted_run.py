@@ -28,15 +28,7 @@ def interrupt_in(seconds: float) -> Iterator[None]:
         timer.join()
 
 
-@pytest.fixture(params=["local", "bus", "virtual"])
-def bench(request: pytest.FixtureRequest) -> Iterator[Stimulator]:
-    if request.param == "virtual":
-        yield request.getfixturevalue("stimulator")
-        return
-    with Stimulator.simulate(request.param) as made:
-        yield made
-
-
+@pytest.mark.parametrize("bench", ["local", "bus", "virtual"], indirect=True)
 def test_ctrl_c_keeps_the_rows_and_disarms(bench: Stimulator) -> None:
     bench.finger.lift()
     bench.start_run()
@@ -61,6 +53,7 @@ def test_ctrl_c_keeps_the_rows_and_disarms(bench: Stimulator) -> None:
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+@pytest.mark.parametrize("bench", ["local", "bus", "virtual"], indirect=True)
 def test_ctrl_c_before_the_first_cycle(bench: Stimulator, monkeypatch: pytest.MonkeyPatch) -> None:
     @contextmanager
     def at_once() -> Iterator[Any]:
