@@ -1,5 +1,6 @@
 """A recording holds every cycle and what was set, over every link, and survives what ends it."""
 
+import errno
 import json
 import struct
 import subprocess
@@ -258,10 +259,11 @@ def test_without_the_tick_there_is_no_recording(virtual: dict[str, Any], tmp_pat
     assert not list(tmp_path.iterdir())
 
 
-def test_a_full_disk_is_told_at_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(_log: FrameLog) -> None:
-        raise OSError(28, "No space left on device")
+def full(*_: object) -> None:
+    raise OSError(errno.ENOSPC, "No space left on device")
 
+
+def test_a_full_disk_is_told_at_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with Stimulator.simulate("local") as bench:
         with (
             pytest.raises(BenchError, match=r"run\.h5\.log takes no more: No space left on device"),
@@ -546,9 +548,6 @@ def test_refused_raw_logs_leave_nothing(tmp_path: Path) -> None:
 def test_a_raw_log_that_takes_no_more_is_told_and_ends_nothing(
     virtual: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
     path = tmp_path / "run.h5"
     node = stimulator_with_plate(lockstep=False)
     with in_threads(virtual, node, lockstep=False), Stimulator.connect(**virtual) as bench:

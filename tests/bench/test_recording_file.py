@@ -320,7 +320,12 @@ def test_a_recovery_onto_a_full_disk_is_one_line(log: Path) -> None:
 
     command = [sys.executable, "-m", "smarttac_can", "record", "--recover", str(log), str(path)]
     ended = subprocess.run(
-        command, capture_output=True, text=True, check=False, preexec_fn=limit, env=_no_pyc()
+        command,
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=limit,
+        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},
     )
     assert (ended.returncode, ended.stdout) == (1, "")
     assert ended.stderr == (
@@ -331,10 +336,6 @@ def test_a_recovery_onto_a_full_disk_is_one_line(log: Path) -> None:
     assert not path.with_name("x.h5.part").exists()
     make_recording(log, path)
     assert len(read_recording(path)) == 3000
-
-
-def _no_pyc() -> dict[str, str]:
-    return {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
 
 
 @pytest.mark.parametrize("writes", [0, 1, 5, 20])
