@@ -11,11 +11,10 @@ from shutil import copytree
 from typing import Any
 
 import pytest
-from click.testing import CliRunner
+from commands import succeed
 from nodes_on_a_bus import in_threads, stimulator_with_plate
 
 from smarttac_can.bench.simulation import stimulator_od
-from smarttac_can.cli import main
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
 from smarttac_can.od.eds import load_eds
@@ -32,8 +31,7 @@ def test_python_can_with_cantools(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     dbc = tmp_path / "stimulator-32.dbc"
-    made = CliRunner().invoke(main, ["eds", "dbc", "stimulator", "--node-id", "32"])
-    dbc.write_text(made.output)
+    dbc.write_text(succeed("eds", "dbc", "stimulator", "--node-id", "32"))
     node = stimulator_with_plate(lockstep=False)
     options = ["--interface", virtual["interface"], "--channel", virtual["channel"]]
     monkeypatch.setattr(sys, "argv", ["with_cantools.py", str(dbc), *options])
@@ -71,23 +69,24 @@ def test_python_can_with_cantools_says_what_is_missing(
     assert refusal in capsys.readouterr().err
 
 
-@pytest.fixture
-def configured(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def configured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder with what the commands of the page make of the bus configuration."""
     page = (ROOT / "docs" / "how-to" / "integrate-with-a-master.md").read_text()
     console = page.partition("## With lely core or ROS 2")[2].split("```")[1]
     commands = [line[2:] for line in console.splitlines() if line.startswith("$ ")]
     assert len(commands) == 3
-    copytree(EXAMPLES, tmp_path / "examples")
+    folder = tmp_path_factory.mktemp("lely")
+    copytree(EXAMPLES, folder / "examples")
     path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
     for command in commands:
         done = subprocess.run(
-            command.split(), cwd=tmp_path, env={**os.environ, "PATH": path},
+            command.split(), cwd=folder, env={**os.environ, "PATH": path},
             check=True, capture_output=True, text=True, timeout=60,
         )  # fmt: skip
         warnings = [line for line in done.stderr.splitlines() if "Warning" in line]
         assert not [line for line in warnings if "pkg_resources" not in line]
-    return tmp_path / "config"
+    return folder / "config"
 
 
 def test_dcfgen_takes_the_bus_configuration(configured: Path) -> None:
