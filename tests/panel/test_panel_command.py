@@ -178,30 +178,23 @@ def test_it_drives_a_bus_and_stops(node: StimulatorNode, multicast: dict[str, An
         assert process.end(signal.SIGTERM)[0] == 0
 
 
-def test_a_second_panel_does_not_drive_the_same_stimulator(
+def test_it_does_not_drive_what_another_bench_drives(
     node: StimulatorNode, multicast: dict[str, Any]
 ) -> None:
-    options = (*multicast_options(multicast), "--drive")
-    with (
-        panel(*options) as (_, token, port),
-        panel(*options) as (_, other_token, other_port),
-    ):
+    """Nor what another panel drives, which is a bench."""
+    with Stimulator.connect(**multicast) as bench:
+        bench.voltage = 20.0
+        bench.mode = "open_loop"
+        with panel(*multicast_options(multicast), "--drive") as (_, token, port):
 
-        async def run() -> None:
-            async with (
-                ClientSession() as session,
-                Browser(session, port).page() as first,
-                Browser(session, other_port).page() as second,
-            ):
-                await drive(first, token)
-                await second.send(do="drive", token=other_token)
-                await second.until(lambda: second.now["drives"])
-                await second.send(do="line", text="mode amplitude")
-                await second.until(lambda: "another" in second.now["answer"])
-                assert first.now["mode"] == "open loop"
+            async def script(page: Page) -> None:
+                await page.send(do="drive", token=token)
+                await page.until(lambda: page.now["drives"])
+                await page.send(do="line", text="mode amplitude")
+                await page.until(lambda: "another bench script drives" in page.now["answer"])
+                assert node.od["Mode display"].value == Mode.OPEN_LOOP
 
-        asyncio.run(run())
-        asyncio.run(shows(node, Mode.OFF))
+            on_a_page(port, script)
 
 
 def test_a_panel_that_is_killed_leaves_0_v(node: StimulatorNode, multicast: dict[str, Any]) -> None:
