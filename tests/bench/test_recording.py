@@ -6,7 +6,6 @@ import struct
 import subprocess
 import sys
 import threading
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -310,31 +309,6 @@ def test_in_real_time_beside_scripts_that_run(virtual: dict[str, Any], tmp_path:
     named = {t for gap in gaps for t in range(gap["first_tick"], gap["last_tick"] + 1)}
     assert named == every - set(ticks.tolist())
     assert voltages == [20, 10]
-
-
-def test_a_recording_that_ends_takes_nothing_from_a_script_that_runs(
-    virtual: dict[str, Any], tmp_path: Path
-) -> None:
-    ended = threading.Event()
-    with (
-        in_threads(virtual, stimulator_with_plate()),
-        Stimulator.connect(**virtual, lockstep=True) as reader,
-        Stimulator.connect(**virtual, lockstep=True) as driver,
-    ):
-        driver.start_run()
-        driver.voltage = 20
-        driver.mode = "open_loop"
-
-        def record() -> None:
-            with reader.record(tmp_path / "run.h5") as recording:
-                until(lambda: recording.cycles > 200)
-            ended.set()
-
-        with ThreadPoolExecutor(1) as pool:
-            recorded = pool.submit(record)
-            until(lambda: len(driver.run(0.05)) == 50 and ended.is_set())
-            recorded.result()
-        assert len(driver.run(0.05)) == 50
 
 
 def test_a_node_that_is_reset_is_recorded_on(virtual: dict[str, Any], tmp_path: Path) -> None:
