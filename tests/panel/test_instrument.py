@@ -189,8 +189,10 @@ def test_what_is_broken_is_0_v_and_says_why(by_hand: ByHand, fault: str) -> None
     assert all(by_hand.bench.seen.view.remedies)
     assert len(by_hand.bench.seen.view.remedies) == len(by_hand.bench.seen.view.latched) > 0
     by_hand.line("mend")
-    by_hand.go_on(3.0)
-    assert by_hand.line("reset") == "done: reset"
+    for _ in range(30):  # 3 s at most
+        by_hand.go_on(0.1)
+        if by_hand.line("reset") == "done: reset":
+            break
     assert by_hand.state == "ready"
 
 
