@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from shutil import copy
 from typing import Any
 
 import h5py
@@ -297,17 +298,23 @@ def full(*_: object) -> None:
     raise OSError(errno.ENOSPC, "No space left on device")
 
 
-@pytest.fixture
-def log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Log of 3 s of a recording of which no file could be made."""
-    with monkeypatch.context() as patch, Stimulator.simulate("local") as bench:
+@pytest.fixture(scope="module")
+def left_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("left") / "run.h5"
+    with pytest.MonkeyPatch.context() as patch, Stimulator.simulate("local") as bench:
         patch.setattr("smarttac_can.bench.recording.make_recording", full)
         bench.finger.stroke(2)
         bench.voltage = 20
         bench.mode = "open_loop"
-        with pytest.raises(BenchError), bench.record(tmp_path / "run.h5"):
+        with pytest.raises(BenchError), bench.record(path):
             bench.run(3.0)
-    return tmp_path / "run.h5.log"
+    return path.with_name("run.h5.log")
+
+
+@pytest.fixture
+def log(left_log: Path, tmp_path: Path) -> Path:
+    """Log of 3 s of a recording of which no file could be made."""
+    return Path(copy(left_log, tmp_path))
 
 
 def test_a_recovery_onto_a_full_disk_is_one_line(log: Path) -> None:
