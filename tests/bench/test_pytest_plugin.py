@@ -24,17 +24,28 @@ def test_another_party_on_its_bus(smarttac_bus: dict[str, Any], stimulator: Stim
 
 
 def test_in_a_project_of_its_own(pytester: pytest.Pytester) -> None:
+    """In which an error of the node is an error of its test."""
     pytester.makepyfile(
         """
+        from smarttac_can.nodes.stimulator_node import StimulatorNode
+
         def test_run(stimulator):
             assert len(stimulator.run(0.05)) == 50
 
         def test_same_again(stimulator):
             assert stimulator.run(0.05).tick[0] == 0
+
+        def test_node_that_breaks(monkeypatch, smarttac_bus):
+            def broken(self):
+                raise RuntimeError("the node broke")
+            monkeypatch.setattr(StimulatorNode, "shutdown", broken)
         """
     )
     result = pytester.runpytest_subprocess("-W", "error", "-p", "no:cacheprovider")
-    result.assert_outcomes(passed=2)
+    result.assert_outcomes(passed=3, errors=1)
+    result.stdout.fnmatch_lines(
+        ["*ERROR at teardown of test_node_that_breaks*", "*RuntimeError: the node broke"]
+    )
 
 
 @pytest.mark.parametrize("inside", [True, False])
@@ -62,19 +73,3 @@ def test_several_instruments_do_not_hear_each_other(make_stimulator: Make) -> No
 def test_what_there_is_none_of_is_refused(make_stimulator: Make, options: dict[str, Any]) -> None:
     with pytest.raises((ValueError, BenchError)):
         make_stimulator(**options)
-
-
-def test_an_error_of_the_node_is_an_error_of_the_test(pytester: pytest.Pytester) -> None:
-    pytester.makepyfile(
-        """
-        from smarttac_can.nodes.stimulator_node import StimulatorNode
-
-        def test_run(monkeypatch, smarttac_bus):
-            def broken(self):
-                raise RuntimeError("the node broke")
-            monkeypatch.setattr(StimulatorNode, "shutdown", broken)
-        """
-    )
-    result = pytester.runpytest_subprocess("-p", "no:cacheprovider")
-    result.assert_outcomes(passed=1, errors=1)
-    result.stdout.fnmatch_lines(["*RuntimeError: the node broke"])
