@@ -1,4 +1,7 @@
-"""The screen, headless, against a simulated node on a bus of its own."""
+"""The screen, headless, against a simulated node on a bus of its own.
+
+Keys are posted without ``Pilot.press``, which waits until this process rests: the node does not.
+"""
 
 import asyncio
 import threading
@@ -54,6 +57,11 @@ async def until(pilot: Pilot[None], screen: WatchScreen, text: str) -> None:
     await until_true(pilot, screen, lambda: text in shown(screen))
 
 
+def enter(screen: WatchScreen, line: str) -> None:
+    screen.query_one(Input).value = line
+    screen.simulate_key("enter")
+
+
 def play(
     bus: dict[str, Any],
     script: Script,
@@ -77,11 +85,11 @@ def test_it_looks_on_while_another_bench_drives(virtual: dict[str, Any]) -> None
         await until(pilot, screen, "mode amplitude ")
         await until(pilot, screen, "set to    1.000 um")
         assert "state running" in shown(screen)
-        await pilot.press("escape")  # a watch that only reads has no stop
+        screen.simulate_key("escape")  # a watch that only reads has no stop
         await pilot.pause(0.5)
         assert "state running" in shown(screen)
         assert not screen.query(Input)
-        await pilot.press("q")
+        screen.simulate_key("q")
 
     with Stimulator.connect(**virtual) as bench:
         bench.amplitude = 1.0
@@ -96,30 +104,26 @@ def test_it_drives_and_stops(
     monkeypatch.setattr("smarttac_can.bench.remote_device._LOST_MS", 5000)
 
     async def script(pilot: Pilot[None], screen: WatchScreen) -> None:
-        async def enter(line: str) -> None:
-            screen.query_one(Input).value = line
-            await pilot.press("enter")
-
         await until(pilot, screen, "state ready")
-        await enter("amplitude 1.2")
+        enter(screen, "amplitude 1.2")
         await until(pilot, screen, "done: amplitude 1.2")
-        await enter("mode amplitude")
+        enter(screen, "mode amplitude")
         await until(pilot, screen, "done: mode amplitude")
         await until(pilot, screen, "state running")
         assert node.od["Mode display"].value == Mode.AMPLITUDE
-        await enter("amplitude 99")
+        enter(screen, "amplitude 99")
         await until(pilot, screen, "cannot write 99000 nm")
-        await enter("dance")
+        enter(screen, "dance")
         await until(pilot, screen, "'dance' is none of: mode NAME")
-        await enter("cof x")
+        enter(screen, "cof x")
         await until(pilot, screen, "cof 'x' is no number")
-        await enter("cof 0.2 0.3")
+        enter(screen, "cof 0.2 0.3")
         await until(pilot, screen, "COF 0.200 left, 0.300 right")
-        await pilot.press("escape")
+        screen.simulate_key("escape")
         await until(pilot, screen, "mode off")
         await until(pilot, screen, "state ready")
         assert node.od["Mode display"].value == Mode.OFF
-        await pilot.press("ctrl+c")
+        screen.simulate_key("ctrl+c")
 
     play(virtual, script, drive=True)
 
@@ -140,12 +144,11 @@ def test_the_stop_does_not_wait_for_what_is_being_done(virtual: dict[str, Any]) 
 
     async def script(pilot: Pilot[None], screen: WatchScreen) -> None:
         await until(pilot, screen, "state ready")
-        screen.query_one(Input).value = "mode amplitude"
-        await pilot.press("enter")
+        enter(screen, "mode amplitude")
         await until(pilot, screen, "state running")
         hanging = threading.Event()
         screen._operator.begin(partial(drive_late, screen, hanging))
-        await pilot.press("escape")
+        screen.simulate_key("escape")
         await until(pilot, screen, "mode off")
         hanging.set()
         await until(pilot, screen, "late: ")
@@ -210,10 +213,9 @@ def test_a_device_does_not_write_to_the_terminal(
     monkeypatch.setattr("smarttac_can.watch.screen.obey", latched)
 
     async def script(pilot: Pilot[None], screen: WatchScreen) -> None:
-        screen.query_one(Input).value = "reset"
-        await pilot.press("enter")
+        enter(screen, "reset")
         await until(pilot, screen, "a fault is latched (?[2Jall is well?)")
-        await pilot.press("ctrl+c")
+        screen.simulate_key("ctrl+c")
 
     play(virtual, script, drive=True)
 
