@@ -145,6 +145,7 @@ def test_the_stop_does_not_wait_for_what_is_being_done(virtual: dict[str, Any]) 
     async def script(pilot: Pilot[None], screen: WatchScreen) -> None:
         await until(pilot, screen, "state ready")
         enter(screen, "mode amplitude")
+        await until(pilot, screen, "done: mode amplitude")
         await until(pilot, screen, "state running")
         hanging = threading.Event()
         screen._operator.begin(partial(drive_late, screen, hanging))
