@@ -1,12 +1,13 @@
 """The self-test passes a sound plate, and each of its verdicts can be made to fail."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 import pytest
 
 from smarttac_can.bench import BenchError, RunInterruptedError, State, Stimulator
+from smarttac_can.bench.link import Row
 from smarttac_can.bench.self_test import Check, ResonanceFit, selftest
 from smarttac_can.vocabulary.faults import PICKUP, PICKUP_D, PICKUP_Q, FaultKind
 from smarttac_can.vocabulary.states import Mode
@@ -38,6 +39,17 @@ def broken(bench: Stimulator, kind: FaultKind, sensor: int = 1, value: int = 0) 
     bench.set("Fault.Kind", kind)
     bench.run(0.02)
     return failures(selftest(bench))
+
+
+def after_each_run(bench: Stimulator, change: Callable[[int, list[Row]], None]) -> None:
+    """Have the rows that a run of so many cycles has given changed."""
+    run = bench._link.run
+
+    def changed(cycles: int, rows: list[Row], *others: Any) -> None:
+        run(cycles, rows, *others)
+        change(cycles, rows)
+
+    bench._link.run = changed
 
 
 @pytest.mark.parametrize("link", ["local", "bus"])
@@ -149,24 +161,18 @@ def test_a_finger_on_the_plate_fails(bench: Stimulator) -> None:
     ],
 )
 def test_what_the_node_counts_fails(bench: Stimulator, counter: str, name: str) -> None:
-    run = bench._link.run
-
-    def counting(cycles: int, *others: Any) -> None:
+    def count(cycles: int, _rows: list[Row]) -> None:
         bench._link._block.od[f"Cycle.{counter}"].count(300 if cycles == 1000 else 0)
-        run(cycles, *others)
 
-    bench._link.run = counting
+    after_each_run(bench, count)
     assert failures(selftest(bench)) == {name}
 
 
 def test_rows_that_are_lost_fail(bench: Stimulator) -> None:
-    run = bench._link.run
-
-    def losing(cycles: int, rows: list[tuple[int, ...]], *others: Any) -> None:
-        run(cycles, rows, *others)
+    def lose(cycles: int, rows: list[Row]) -> None:
         rows[:] = [row for row in rows if cycles < 1000 or row[0] % 10]
 
-    bench._link.run = losing
+    after_each_run(bench, lose)
     assert failures(selftest(bench)) == {"timing.lost rows"}
 
 
@@ -192,13 +198,10 @@ def test_a_dead_time_that_is_not_the_one_written_fails(
 
 
 def test_a_delay_is_not_told_from_steps_with_gaps(bench: Stimulator) -> None:
-    run = bench._link.run
-
-    def losing(cycles: int, rows: list[tuple[int, ...]], *others: Any) -> None:
-        run(cycles, rows, *others)
+    def lose(cycles: int, rows: list[Row]) -> None:
         rows[:] = [row for row in rows if cycles != 576 or row[0] % 20]
 
-    bench._link.run = losing
+    after_each_run(bench, lose)
     checks = selftest(bench)
     assert failures(checks) == {"sweep.delay"}
     (delay,) = (check for check in checks if check.name == "sweep.delay")
@@ -206,14 +209,11 @@ def test_a_delay_is_not_told_from_steps_with_gaps(bench: Stimulator) -> None:
 
 
 def test_a_plate_that_goes_on_vibrating_fails(bench: Stimulator) -> None:
-    run = bench._link.run
-
-    def vibrating(cycles: int, rows: list[tuple[int, ...]], *others: Any) -> None:
-        run(cycles, rows, *others)
+    def vibrate(_cycles: int, rows: list[Row]) -> None:
         if bench.state is not State.RUNNING:
             rows[:] = [(*row[:3], 500, 100, *row[5:]) for row in rows]
 
-    bench._link.run = vibrating
+    after_each_run(bench, vibrate)
     assert failures(selftest(bench)) == {"end.voltage", "end.amplitude"}
 
 
