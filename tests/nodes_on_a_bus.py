@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 import signal
 import subprocess
 import sys
@@ -55,12 +54,12 @@ def watched(bench: Stimulator) -> list[int]:
 class HesitantBus(PythonCanBus):
     """A bus whose party takes its time before it looks for the next frame."""
 
-    def __init__(self, pauses: random.Random, options: Mapping[str, Any]) -> None:
+    def __init__(self, pause_s: Callable[[], float], options: Mapping[str, Any]) -> None:
         super().__init__(**options)
         read = self.read
 
         def hesitant(frames: deque[Frame]) -> bool:
-            time.sleep(pauses.choice((0.0, 0.0, 0.0, 0.0, 0.0005, 0.002)))
+            time.sleep(pause_s())
             return read(frames)
 
         self.read = hesitant
@@ -83,17 +82,18 @@ def in_threads(
     options: Mapping[str, Any],
     *nodes: Node,
     lockstep: bool = True,
-    pauses: random.Random | None = None,
+    pause_s: Callable[[], float] | None = None,
 ) -> Iterator[threading.Event]:
     """Run nodes, until the block ends or the event that it gets is set.
 
+    Each pauses for `pause_s()` before it looks for a frame.
     In real time no run ends by 6180h, however busy the machine is.
     """
     if not lockstep:
         for node in nodes:
             if isinstance(node, StimulatorNode):
                 node.od["Limit.Missed ticks"].default = ALL_TICKS
-    buses = [HesitantBus(pauses, options) if pauses else PythonCanBus(**options) for _ in nodes]
+    buses = [HesitantBus(pause_s, options) if pause_s else PythonCanBus(**options) for _ in nodes]
     stop = threading.Event()
     with ThreadPoolExecutor(max_workers=len(nodes)) as executor:
         runs = [

@@ -78,7 +78,11 @@ def test_nodes_in_threads_at_any_pace(
     nodes = (stimulator_with_plate(),) if inside else both()
     plate = None if inside else 33
     with (
-        in_threads(virtual, *nodes, pauses=pauses),
+        in_threads(
+            virtual,
+            *nodes,
+            pause_s=lambda: pauses.choice((0.0, 0.0, 0.0, 0.0, 0.0005, 0.002)),
+        ),
         Stimulator.connect(**virtual, plate_node_id=plate, lockstep=True) as bench,
     ):
         assert digest(experiment(bench), tmp_path) == reference
