@@ -47,12 +47,6 @@ class Scene:
         self.node.block.write("Drive unwatched", 1)
         self.master.send(nmt(NMTCommand.START, 32))
 
-    def press(self) -> None:
-        """Have a finger slide over the plate, in a run that begins anew."""
-        self.write("Finger.Motion", 1)
-        self.write("Simulation.Start run", 1)
-        self.watch(1.0)
-
     def write(self, name: str, raw: int) -> None:
         self.master.write(32, OD[name], raw)
 
@@ -85,13 +79,23 @@ def scene() -> Iterator[Scene]:
     made.bus.shutdown()
 
 
-def test_what_is_shown_is_what_the_node_has(scene: Scene) -> None:
+@pytest.fixture(scope="module")
+def regulated() -> Iterator[tuple[Scene, View]]:
+    """Scene in which the friction of a finger is regulated, and what is shown of it."""
+    scene = Scene()
     scene.start()
-    scene.press()
+    scene.write("Finger.Motion", 1)
+    scene.write("Simulation.Start run", 1)
+    scene.watch(1.0)
     scene.write("Setpoint.COF left", 2500)
     scene.write("Setpoint.COF right", 2500)
     scene.drive(4)
-    view = scene.watch(4.0)
+    yield scene, scene.watch(4.0)
+    scene.bus.shutdown()
+
+
+def test_what_is_shown_is_what_the_node_has(regulated: tuple[Scene, View]) -> None:
+    scene, view = regulated
     assert (view.state, view.mode, view.latched, view.notes) == ("running", "friction", (), ())
     assert view.flags == ("live", "driving", "touching")
     assert view.values["Contact.COF reference"] == 0.25
@@ -294,11 +298,8 @@ def test_numbers_of_a_newer_node_are_shown_as_numbers() -> None:
     assert (view.state, view.mode) == ("unknown", "number 99")
 
 
-def test_a_view_fits_a_terminal_of_80_by_24(scene: Scene) -> None:
-    scene.start()
-    scene.press()
-    scene.drive(4)
-    view = scene.watch(2.0)
+def test_a_view_fits_a_terminal_of_80_by_24(regulated: tuple[Scene, View]) -> None:
+    _, view = regulated
     laid = lines(view, "socketcan:can0", 80, 24)
     assert len(laid) <= 24
     assert max(len(line.text) for line in laid) <= 80
