@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-TOOL = Path(__file__).parents[1] / "tools" / "bench_stops"
+TOOL = Path(__file__).parents[2] / "tools" / "bench_stops"
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="priorities of Linux")
 
 
