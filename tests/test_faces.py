@@ -50,28 +50,52 @@ def test_the_reference_lists_every_face() -> None:
     assert sorted(listed) == [name for name in sorted(PACKAGES) if name != "smarttac_can.cli"]
 
 
-def loaded_by(statement: str) -> set[str]:
-    code = f"import sys; {statement}; print('\\n'.join(sys.modules))"
+def loaded_by(statements: str) -> set[str]:
+    code = f"import sys\n{statements}\nprint(*sys.modules, file=sys.stderr)"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    return set(run.stdout.split())
+    return set(run.stderr.split())
+
+
+def imports(*packages: str) -> str:
+    return f"import {', '.join(f'smarttac_can.{package}' for package in packages)}"
 
 
 HEAVY = {"aiohttp", "cantools", "h5py", "matplotlib", "numba", "textual"}
+HELP = """
+sys.argv[1:] = ["--help"]
+from smarttac_can.__main__ import run
+try:
+    run()
+except SystemExit:
+    pass
+"""
+PURE = ("od", "vocabulary", "device", "plant", "control", "nodes", "population")
 
 
 @pytest.mark.parametrize("face", ["commissioning", "host", "master"])
 def test_a_face_with_modules_for_the_bus_loads_nothing_of_its_package(face: str) -> None:
-    loaded = loaded_by(f"import smarttac_can.{face}")
+    loaded = loaded_by(imports(face))
     assert {name for name in loaded if name.count(".") > 1 and name.startswith("smarttac")} == set()
     assert not loaded & {"can", "canopen"}
 
 
-def test_no_face_loads_what_few_need() -> None:
-    faces = [name for name in PACKAGES if name != "smarttac_can.cli"]
-    assert not loaded_by(f"import {', '.join(faces)}") & HEAVY
-
-
-def test_faces_of_the_pure_core_and_of_what_reads_logs_load_no_bus() -> None:
-    pure = ("od", "vocabulary", "device", "plant", "control", "nodes", "population")
-    faces = ", ".join(f"smarttac_can.{name}" for name in (*pure, "audit", "replay", "conformance"))
-    assert not loaded_by(f"import {faces}") & {"can", "canopen", *HEAVY}
+@pytest.mark.parametrize(
+    ("statements", "unwanted"),
+    [
+        (f"import {', '.join(name for name in PACKAGES if name != 'smarttac_can.cli')}", HEAVY),
+        # What is pure, or reads logs, has no bus.
+        (imports(*PURE, "audit", "replay", "conformance"), {"can", "canopen", *HEAVY}),
+        # A node needs nothing that reports alone do.
+        (imports("cli.nodes"), {"matplotlib", "scipy", "pytest", "hypothesis"}),
+        # A table of text needs no pictures, and a picture no window.
+        (imports("paper.report"), {"matplotlib"}),
+        (imports("paper.figures"), {"matplotlib.pyplot"}),
+        # The modules of a command are loaded when it is called.
+        (HELP, {"can", "canopen", "numpy", "matplotlib"}),
+    ],
+    ids=["faces", "pure", "node", "report", "figures", "help"],
+)
+def test_what_few_need_is_not_loaded(statements: str, unwanted: set[str]) -> None:
+    loaded = loaded_by(statements)
+    assert any(name.startswith("smarttac_can.") for name in loaded)
+    assert not loaded & unwanted

@@ -243,17 +243,6 @@ def test_demo(demo: tuple[Path, Result], everything: Path) -> None:
     assert "dead time 0 us" in result.stdout
 
 
-def test_help_loads_no_bus_and_no_numbers() -> None:
-    """What it needs alone: the modules of the commands are loaded when one is called."""
-    look = "import sys; sys.argv[1:] = ['--help']; from smarttac_can.__main__ import run\n"
-    look += "try: run()\nexcept SystemExit: print(*sys.modules)"
-    done = subprocess.run(
-        [sys.executable, "-c", look], stdout=subprocess.PIPE, text=True, check=True
-    )
-    loaded = done.stdout.splitlines()[-1].split()
-    assert not {"can", "canopen", "numpy", "matplotlib"} & set(loaded)
-
-
 def test_help_shows_the_commands_by_family() -> None:
     titles = [line.strip(":") for line in succeed("--help").splitlines() if line[:1].isalpha()]
     assert titles[1:] == ["Options", "Use", "Bench", "Commission", "Verify"]

@@ -3,6 +3,12 @@
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
+
+import psutil
+from nodes_on_a_bus import processes
+
+from smarttac_can.bench import Stimulator
 
 DEMO = """
 import atexit, pathlib, re
@@ -23,8 +29,14 @@ def test_the_demo_takes_less_than_500_mb(tmp_path: Path) -> None:
     assert int((tmp_path / "size").read_text()) * 1024 < 500e6
 
 
-def test_a_node_does_not_load_what_only_reports_need() -> None:
-    code = "import smarttac_can.cli.nodes, sys; print(*sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    loaded = set(done.stdout.split())
-    assert not {"matplotlib", "scipy", "pytest", "hypothesis"} & loaded
+def test_a_running_node_takes_less_than_120_mb(multicast: dict[str, Any]) -> None:
+    with (
+        processes(multicast, "node --lockstep") as (node,),
+        Stimulator.connect(**multicast, lockstep=True) as bench,
+    ):
+        bench.run(0.3)
+        status = Path(f"/proc/{node.process.pid}/status")
+        if status.exists():
+            peak = next(line for line in status.read_text().splitlines() if "VmHWM" in line)
+            assert int(peak.split()[1]) < 120_000, peak
+        assert psutil.Process(node.process.pid).memory_info().rss < 120e6

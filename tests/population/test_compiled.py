@@ -1,6 +1,3 @@
-import subprocess
-import sys
-
 import pytest
 
 from smarttac_can.plant.friction import bare_friction, friction_map
@@ -26,12 +23,3 @@ def test_a_compiled_function_gives_the_number_of_the_plain_one_and_leaves_it():
     fast = compiled(bare_friction)
     assert fast(friction, 0.5, 0.0) == pytest.approx(bare_friction(friction, 0.5, 0.0), rel=1e-15)
     assert bare_friction.__class__.__name__ == "function"
-
-
-def test_plant_control_and_their_loop_know_nothing_of_numba():
-    code = (
-        "import sys, smarttac_can.population.trial;"
-        "print([name for name in sys.modules if name.split('.')[0] in ('numba', 'llvmlite')])"
-    )
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout.strip() == "[]"
