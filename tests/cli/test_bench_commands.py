@@ -537,17 +537,6 @@ def test_who_drives_is_not_disturbed(laboratory: Laboratory, tmp_path: Path) -> 
     assert not (tmp_path / "plate.json").exists()
 
 
-def test_a_certificate_that_exists_is_kept(laboratory: Laboratory, tmp_path: Path) -> None:
-    (tmp_path / "plate.json").write_text("of last year")
-    result = calibrate(tmp_path)
-    assert result.exit_code == 1
-    (line,) = result.stderr.splitlines()
-    cure = "choose another file, or replace it with --force"
-    assert line == f"Error: {tmp_path}/plate.json exists: {cure}"
-    assert (tmp_path / "plate.json").read_text() == "of last year"
-    assert laboratory.asked == []
-
-
 @pytest.mark.parametrize("end", [click.Abort, KeyboardInterrupt])
 def test_who_interrupts_is_told_that_nothing_is_kept(
     laboratory: Laboratory,

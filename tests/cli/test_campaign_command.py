@@ -109,16 +109,6 @@ def test_it_goes_on_and_a_damaged_file_is_one_line(tmp_path: Path) -> None:
             1,
             "/nowhere/rows: the folder /nowhere does not exist",
         ),
-        (
-            ("--fingers", "1000000", "--output", f"{__file__}/below"),
-            1,
-            f"{__file__} is a file, not a folder",
-        ),
-        (
-            ("--fingers", "3", "--json", "/nowhere/rows"),
-            1,
-            "/nowhere/rows: the folder /nowhere does not exist",
-        ),
     ],
 )
 def test_what_is_wrong_is_one_line(arguments: tuple[str, ...], code: int, message: str) -> None:

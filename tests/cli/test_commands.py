@@ -157,7 +157,6 @@ def test_reproduce_animates_the_crossing(tmp_path: Path) -> None:
         picture.seek(10)
         assert (np.asarray(picture.convert("RGB")) != first).any()
     assert [made.name for made in tmp_path.iterdir()] == [file.name]
-    assert "exists" in refusal("reproduce", "table1", "--animate", file)
     named = tmp_path / "crossing.png"
     assert "has to end in .gif" in refusal("reproduce", "--animate", named, code=2)
 
@@ -195,19 +194,6 @@ def test_the_conditions_of_a_run_are_in_its_results() -> None:
 )
 def test_reproduce_refuses(arguments: tuple[str, ...], message: str) -> None:
     assert message in refusal("reproduce", *arguments, code=2)
-
-
-def test_files_that_cannot_be_written(tmp_path: Path) -> None:
-    file = tmp_path / "file"
-    file.write_text("")
-    assert "is a file" in refusal("reproduce", "fig3", "--output", file, code=2)
-    assert "is a directory" in refusal("reproduce", "fig3", "--json", tmp_path, code=2)
-    missing = tmp_path / "missing" / "x.json"
-    assert f"{missing}: the folder {missing.parent} does not exist" in refusal(
-        "reproduce", "fig3", "--json", missing
-    )
-    below = file / "below"
-    assert f"{below}: {file} is a file" in refusal("reproduce", "fig3", "--output", below)
 
 
 def test_report_of_what_is_no_run(everything: Path, tmp_path: Path) -> None:

@@ -162,10 +162,6 @@ def test_dcf(tmp_path: Path) -> None:
         (("check", "missing.eds"), "'missing.eds' is neither a file nor stimulator or plate"),
         (("check", RICH, "--device"), "--device needs --node-id"),
         (("doc", ROOT / "README.md"), "README.md: the file has no objects"),
-        (
-            ("doc", RICH, "--output", "no/such/folder/x.md"),
-            "no/such/folder/x.md: the folder no does not exist",
-        ),
         (("dbc", ROOT / "README.md"), "README.md: the file has no objects"),
         (
             ("dcf", RICH, "--node-id", "9", "--bitrate", "9600"),

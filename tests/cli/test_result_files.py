@@ -28,10 +28,10 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
 FILES: dict[str, tuple[str | Path, ...]] = {
     "reproduce --json": ("reproduce", "fig3", "--json"),
     "reproduce --animate": ("reproduce", "fig3", "--animate"),
-    "campaign --json": ("campaign", "--fingers", "1", "--json"),
+    "campaign --json": ("campaign", "--fingers", "1000000", "--json"),
     "faults --json": ("faults", "--fault", "S3 stuck", "--mode", "friction", "--json"),
     "faults --log": ("faults", "--fault", "S3 stuck", "--mode", "friction", "--log"),
-    "soak --json": ("soak", "--hours", "0.0001", "--json"),
+    "soak --json": ("soak", "--hours", "1000", "--json"),
     "fmeda --json": ("fmeda", "--jobs", "1", "--random", "1", "--json"),
     "hostile --json": ("hostile", "--actions", "5", "--json"),
     "scan --json": ("scan", *CHANNEL, "--timeout", "0.01", "--json"),
@@ -49,7 +49,7 @@ FILES: dict[str, tuple[str | Path, ...]] = {
     "eds doc --output": ("eds", "doc", "plate", "--output"),
     "eds dbc --output": ("eds", "dbc", "plate", "--output"),
     "eds dcf --output": (
-        *("eds", "dcf", "plate", "--node-id", "5", "--bitrate", "125000"),
+        *("eds", "dcf", "plate", "--node-id", "5", "--bitrate", "500000"),
         "--output",
     ),
 }
@@ -61,6 +61,18 @@ def test_a_file_with_results_is_kept(arguments: tuple[str | Path, ...], tmp_path
     file.write_text("of last week")
     assert refusal(*arguments, file) == f"{file} exists: {OTHER_FILE}"
     assert content(tmp_path) == {"kept": b"of last week"}
+
+
+@pytest.mark.parametrize(
+    "name", sorted(FILES.keys() - {"reproduce --animate", "calibrate --certificate"})
+)
+def test_a_file_whose_folder_is_not_there_is_refused_before_the_run(
+    name: str, tmp_path: Path
+) -> None:
+    """Of a picture the folder is made, and of a calibration the plan is read first: it is none."""
+    file = tmp_path / "missing" / "result"
+    assert refusal(*FILES[name], file) == f"{file}: the folder {file.parent} does not exist"
+    assert content(tmp_path) == {}
 
 
 def test_each_command_with_a_file_for_results_has_force_and_a_case_here() -> None:
@@ -84,7 +96,7 @@ def test_each_command_with_a_file_for_results_has_force_and_a_case_here() -> Non
 FOLDERS = {
     "reproduce --output": ("reproduce", "fig5"),
     "demo --output": ("demo",),
-    "campaign --output": ("campaign", "--fingers", "2"),
+    "campaign --output": ("campaign", "--fingers", "1000000"),
     "jitter --output": ("jitter", *CHANNEL),
 }
 
@@ -99,6 +111,23 @@ def test_a_folder_with_results_is_kept(arguments: tuple[str, ...], tmp_path: Pat
         f"the folder {tmp_path} is not empty ({listed}): {OTHER_FOLDER}"
     )
     assert content(tmp_path) == before
+
+
+@pytest.mark.parametrize("arguments", FOLDERS.values(), ids=FOLDERS)
+def test_a_folder_below_a_file_is_refused_before_the_run(
+    arguments: tuple[str, ...], tmp_path: Path
+) -> None:
+    file = tmp_path / "file"
+    file.touch()
+    line = refusal(*arguments, "--output", file / "below")
+    assert line == f"{file / 'below'}: {file} is a file, not a folder"
+    assert content(tmp_path) == {"file": b""}
+
+
+def test_a_folder_is_no_file_and_a_file_no_folder(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    assert "is a file" in refusal("reproduce", "fig3", "--output", tmp_path / "file", code=2)
+    assert "is a directory" in refusal("reproduce", "fig3", "--json", tmp_path, code=2)
 
 
 @pytest.mark.parametrize("path", ["-", "/dev/null"])

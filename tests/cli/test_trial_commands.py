@@ -142,18 +142,6 @@ def test_wrong_options_are_refused(arguments: tuple[str, ...], complaint: str) -
     assert complaint in refusal(*arguments, code=2)
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        (*ONE, "--json", "nowhere/result"),
-        (*ONE, "--log", "nowhere/result"),
-        ("soak", "--hours", "1000", "--json", "nowhere/result"),
-    ],
-)
-def test_file_that_cannot_be_written_is_refused_before_the_run(arguments: tuple[str, ...]) -> None:
-    assert refusal(*arguments).endswith("nowhere/result: the folder nowhere does not exist")
-
-
 def test_old_files_stay_when_a_run_fails(tmp_path: Path) -> None:
     table, log = tmp_path / "faults.json", tmp_path / "faults.log"
     table.write_text("old")
