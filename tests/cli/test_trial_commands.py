@@ -145,7 +145,8 @@ def test_wrong_options_are_refused(arguments: tuple[str, ...], complaint: str) -
 def test_old_files_stay_when_a_run_fails(tmp_path: Path) -> None:
     table, log = tmp_path / "faults.json", tmp_path / "faults.log"
     table.write_text("old")
-    refusal(*ONE, "--channel", "vcan9", "--json", table, "--log", log)
+    files = ("--json", table, "--log", log, "--force")
+    assert "cannot open the socketcan bus" in refusal(*ONE, "--channel", "vcan9", *files)
     assert table.read_text() == "old"
     assert list(tmp_path.iterdir()) == [table]
 
