@@ -14,6 +14,8 @@ from contextlib import ExitStack, contextmanager
 from queue import Empty, Queue
 from typing import Any
 
+import can
+
 from smarttac_can.bench import Stimulator
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID, plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
@@ -157,6 +159,19 @@ def multicast_options(bus: Mapping[str, Any]) -> list[str]:
     """Options of ``smarttac`` commands for a bus."""
     options = ["--interface", bus["interface"], "--channel", bus["channel"]]
     return [*options, "--bus-option", f"port={bus['port']}"]
+
+
+@contextmanager
+def driven_voltages(bus: Mapping[str, Any]) -> Iterator[list[int]]:
+    """Voltages of the drives, in 10 mV; read as they come: a socket keeps the oldest only."""
+    heard: list[int] = []
+
+    def hear(message: can.Message) -> None:
+        if message.arbitration_id == 0x221:
+            heard.append(int.from_bytes(message.data[:2], "little"))
+
+    with can.Bus(**bus) as listener, can.Notifier(listener, [hear], timeout=0.02):
+        yield heard
 
 
 def regulate_friction(bench: Stimulator) -> None:

@@ -5,8 +5,7 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ import can
 import psutil
 import pytest
 from commands import refusal, run
-from nodes_on_a_bus import GUARD_S, processes, until
+from nodes_on_a_bus import GUARD_S, driven_voltages, multicast_options, processes, until
 
 DELAYS = {"p50_us", "p99_us", "p999_us", "max_us"}
 KEYS = {
@@ -23,32 +22,14 @@ KEYS = {
 }
 
 
-def options(bus: dict[str, Any]) -> list[str]:
-    own = ["--interface", bus["interface"], "--channel", bus["channel"]]
-    return [*own, "--bus-option", f"port={bus['port']}"]
-
-
 def children() -> list[psutil.Process]:
     return psutil.Process().children(recursive=True)
-
-
-@contextmanager
-def voltages(bus: dict[str, Any]) -> Iterator[list[bytes]]:
-    """Voltages of the drives on a bus; read as they come, since a socket keeps the oldest only."""
-    heard: list[bytes] = []
-
-    def hear(message: can.Message) -> None:
-        if message.arbitration_id == 0x221:
-            heard.append(bytes(message.data[:2]))
-
-    with can.Bus(**bus) as listener, can.Notifier(listener, [hear], timeout=0.02):
-        yield heard
 
 
 def test_a_second_on_a_simulated_plate(multicast: dict[str, Any], tmp_path: Path) -> None:
     results, folder = tmp_path / "jitter.json", tmp_path / "pictures"
     files = ("--json", results, "--output", folder)
-    done = run("jitter", *options(multicast), "--seconds", "1", *files)
+    done = run("jitter", *multicast_options(multicast), "--seconds", "1", *files)
     figures = json.loads(results.read_text())
     assert set(figures) == KEYS
     for name in ("sync", "drive", "measurement"):
@@ -76,7 +57,9 @@ def test_a_second_on_a_simulated_plate(multicast: dict[str, Any], tmp_path: Path
 
 @pytest.mark.usefixtures("without_privileges")
 def test_what_the_nodes_were_refused_is_said(multicast: dict[str, Any]) -> None:
-    done = run("jitter", *options(multicast), "--seconds", "1", "--realtime", "50", "--json", "-")
+    done = run(
+        "jitter", *multicast_options(multicast), "--seconds", "1", "--realtime", "50", "--json", "-"
+    )
     refused = json.loads(done.stdout)["refused"]
     assert len(set(refused)) == len(refused), "two nodes, one line"
     assert set(refused) <= set(done.stderr.splitlines())
@@ -85,21 +68,28 @@ def test_what_the_nodes_were_refused_is_said(multicast: dict[str, Any]) -> None:
 
 
 def test_a_plate_that_is_there_stays_at_0_v(multicast: dict[str, Any]) -> None:
-    with processes(multicast, "plate") as (plate,), voltages(multicast) as heard:
+    with processes(multicast, "plate") as (plate,), driven_voltages(multicast) as heard:
         done = run(
-            "jitter", *options(multicast), "--seconds", "1", "--plate-node", "33", "--json", "-"
+            "jitter",
+            *multicast_options(multicast),
+            "--seconds",
+            "1",
+            "--plate-node",
+            "33",
+            "--json",
+            "-",
         )
         assert done.exit_code == 0, done.output
         figures = json.loads(done.stdout)
         assert figures["ticks"] > 0
         assert figures["state"] in ("not_ready", "ready")
         assert plate.process.poll() is None
-        assert set(heard) == {b"\0\0"}
+        assert set(heard) == {0}
     assert not children()
 
 
 def test_a_signal_ends_it_with_its_nodes(multicast: dict[str, Any]) -> None:
-    command = [sys.executable, "-m", "smarttac_can", "jitter", *options(multicast)]
+    command = [sys.executable, "-m", "smarttac_can", "jitter", *multicast_options(multicast)]
     with subprocess.Popen(
         [*command, "--seconds", "3600", "--json", "-"],
         stdout=subprocess.PIPE,
@@ -123,21 +113,21 @@ def test_a_signal_ends_it_with_its_nodes(multicast: dict[str, Any]) -> None:
 
 
 def test_nothing_is_left_of_one_that_is_killed(multicast: dict[str, Any]) -> None:
-    command = [sys.executable, "-m", "smarttac_can", "jitter", *options(multicast)]
+    command = [sys.executable, "-m", "smarttac_can", "jitter", *multicast_options(multicast)]
     nodes: list[psutil.Process] = []
     with (
-        voltages(multicast) as heard,
+        driven_voltages(multicast) as heard,
         subprocess.Popen([*command, "--seconds", "3600"], stderr=subprocess.DEVNULL) as process,
     ):
         try:
-            until(lambda: any(map(any, heard)))
+            until(lambda: any(heard))
             nodes = psutil.Process(process.pid).children(recursive=True)
             process.kill()
             ended, alive = psutil.wait_procs(nodes, GUARD_S)
             assert not alive
             assert len(ended) >= 2
             # The last drive; it was sent, and may still be on its way to this thread.
-            until(lambda: heard[-1] == b"\0\0")
+            until(lambda: heard[-1] == 0)
         finally:
             process.kill()
             for node in nodes:
@@ -147,13 +137,13 @@ def test_nothing_is_left_of_one_that_is_killed(multicast: dict[str, Any]) -> Non
 
 def test_a_node_that_ends_is_named(multicast: dict[str, Any]) -> None:
     """As the plate's node-ID is the stimulator's."""
-    line = refusal("jitter", *options(multicast), "--plate-node", "32")
+    line = refusal("jitter", *multicast_options(multicast), "--plate-node", "32")
     assert line.startswith("smarttac node has ended: --plate-node 32 is the --node-id")
     assert not children()
 
 
 def test_a_plate_that_is_not_there(multicast: dict[str, Any]) -> None:
-    line = refusal("jitter", *options(multicast), "--plate-node", "44")
+    line = refusal("jitter", *multicast_options(multicast), "--plate-node", "44")
     assert line.startswith("no node 44 answers on udp_multicast:")
     assert not children()
 
@@ -172,7 +162,7 @@ def test_a_loop_that_is_there_already(
         producer = threading.Thread(target=produce)
         producer.start()
         try:
-            line = refusal("jitter", *options(multicast))
+            line = refusal("jitter", *multicast_options(multicast))
         finally:
             over.set()
             producer.join()
@@ -195,7 +185,7 @@ def test_a_node_that_is_there_already(
 ) -> None:
     monkeypatch.setattr("smarttac_can.timing.loop_run._ANSWER_S", GUARD_S)
     with processes(multicast, command) as (node,):
-        line = refusal("jitter", *options(multicast), *others)
+        line = refusal("jitter", *multicast_options(multicast), *others)
         assert len(children()) == 1
         assert node.process.poll() is None
     assert line == (
@@ -210,7 +200,9 @@ def test_a_node_that_is_stopped_is_known_by_its_heartbeat(
     monkeypatch.setattr("smarttac_can.timing.loop_run._ANSWER_S", GUARD_S)
     with processes(multicast, "node"), can.Bus(**multicast) as bus:
         bus.send(can.Message(arbitration_id=0, data=[2, 32], is_extended_id=False))
-        assert refusal("jitter", *options(multicast)).startswith("a node 32 is on this bus already")
+        assert refusal("jitter", *multicast_options(multicast)).startswith(
+            "a node 32 is on this bus already"
+        )
 
 
 def test_a_bus_without_time_stamps_of_the_kernel() -> None:

@@ -11,36 +11,17 @@ from typing import Any
 
 import can
 import pytest
-from nodes_on_a_bus import (
-    BENCH_WATCH,
-    GUARD_S,
-    processes,
-    until,
-    watched,
-)
+from nodes_on_a_bus import BENCH_WATCH, GUARD_S, driven_voltages, processes, until, watched
 
 from smarttac_can.bench import Mode, RefusedError, Stimulator
 from smarttac_can.vocabulary.states import State
-
-
-@contextmanager
-def listening(bus: dict[str, Any]) -> Iterator[list[int]]:
-    """Voltages of the drive frames that pass."""
-    heard: list[int] = []
-
-    def hear(message: can.Message) -> None:
-        if message.arbitration_id == 0x221:
-            heard.append(struct.unpack_from("<H", message.data)[0])
-
-    with can.Bus(**bus) as listener, can.Notifier(listener, [hear], timeout=0.02):
-        yield heard
 
 
 def test_a_signal_leaves_0_v(multicast: dict[str, Any]) -> None:
     """Which ones do is tested in ``tests/host/test_process_signals.py``."""
     nodes = ("plate --lockstep", "node --plate-node 33 --lockstep")
     with processes(multicast, *nodes) as (plate, node):
-        with listening(multicast) as voltages:
+        with driven_voltages(multicast) as voltages:
             bench = Stimulator.connect(**multicast, plate_node_id=33, lockstep=True)
             bench.run(0.2)
             bench.amplitude = 1.0
