@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import can
+import psutil
 import pytest
 from nodes_on_a_bus import BENCH_WATCH, GUARD_S, driven_voltages, processes, until, watched
 
@@ -167,6 +168,19 @@ def test_a_file_of_faults_that_cannot_be_had_stops_nobody(
         status, _, complaints = node.end()
         assert status == 0
         assert "the newest faults are not kept" in complaints
+
+
+def test_a_running_node_takes_less_than_120_mb(multicast: dict[str, Any]) -> None:
+    with (
+        processes(multicast, "node --lockstep") as (node,),
+        Stimulator.connect(**multicast, lockstep=True) as bench,
+    ):
+        bench.run(0.3)
+        status = Path(f"/proc/{node.process.pid}/status")
+        if status.exists():
+            peak = next(line for line in status.read_text().splitlines() if "VmHWM" in line)
+            assert int(peak.split()[1]) < 120_000, peak
+        assert psutil.Process(node.process.pid).memory_info().rss < 120e6
 
 
 def test_a_node_with_the_plate_inside_knows_its_nulls(multicast: dict[str, Any]) -> None:
