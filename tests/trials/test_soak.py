@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -47,15 +46,17 @@ def invariants(rig: Rig) -> Invariants:
     return Invariants(rig)
 
 
-def test_eight_seconds_hold_and_repeat() -> None:
+def test_eight_seconds_hold() -> None:
+    """That a soak repeats is shown by two processes, which give the same report as one."""
     shares: list[float] = []
-    first = Soak(8000, 3, shares.append).run()
-    assert first.violations == []
-    assert first.passed
-    assert first.faults and first.simulated_s >= 8.0
+    report = Soak(8000, 3, shares.append).run()
+    assert report.violations == []
+    assert report.passed
+    assert report.faults and report.simulated_s >= 8.0
     assert shares == sorted(shares) and shares[-1] == 1.0
-    again = Soak(8000, 3).run()
-    assert replace(again, wall_s=0.0, rss_mib=[]) == replace(first, wall_s=0.0, rss_mib=[])
+
+
+def test_another_seed_is_another_soak() -> None:
     assert Soak(1000, 3).run().fingerprint != Soak(1000, 4).run().fingerprint
 
 
