@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
+from commands import refusal, run, succeed
 
 from smarttac_can.bench import (
     BenchError,
@@ -23,7 +23,6 @@ from smarttac_can.bench import (
     write_csv,
 )
 from smarttac_can.bench.recording_file import RecordedData
-from smarttac_can.cli import main
 from smarttac_can.device.storage import Memory
 from smarttac_can.host.files import StorageFile, read_lines
 from smarttac_can.host.log_file import read_log
@@ -147,8 +146,7 @@ def test_a_raw_log(files: Path, name: str, frames: int) -> None:
 def test_a_raw_log_is_replayed(files: Path, tmp_path: Path) -> None:
     """Textures are written in it by block transfer."""
     found = tmp_path / "found.json"
-    arguments = [str(files / "raw.log"), "--lockstep", "--json", str(found)]
-    CliRunner().invoke(main, ["replay", *arguments])
+    run("replay", files / "raw.log", "--lockstep", "--json", found)
     result = json.loads(found.read_text())
     # A later version may answer in another way, and says where; it understands the log.
     assert result["compared"] > 100
@@ -158,13 +156,12 @@ def test_a_raw_log_is_replayed(files: Path, tmp_path: Path) -> None:
 def test_an_eds_of_then_is_no_device_of_today(files: Path) -> None:
     """It lacks objects that came later; which, and what to do, is said in one line."""
     eds = files / "stimulator.eds"
-    assert CliRunner().invoke(main, ["eds", "check", str(eds)]).exit_code == 0
-    said = CliRunner().invoke(main, ["replay", str(files / "raw.log"), "--eds", str(eds)])
-    assert said.exit_code == 1
-    assert said.stderr.startswith(f"Error: {eds} does not suit the device: 'Model.Data sheet gain")
-    assert said.stderr.endswith(
+    succeed("eds", "check", eds)
+    said = refusal("replay", files / "raw.log", "--eds", eds)
+    assert said.startswith(f"{eds} does not suit the device: 'Model.Data sheet gain")
+    assert said.endswith(
         "is not in the EDS, so it is of another version: leave --eds out, or begin with what "
-        "'smarttac eds show' writes\n"
+        "'smarttac eds show' writes"
     )
 
 
@@ -191,9 +188,8 @@ def test_faults(files: Path) -> None:
 def test_a_dcf(files: Path) -> None:
     od = load_eds((files / "stimulator.dcf").read_text(), 40)
     assert od["Limit.Voltage"].default == 6_000
-    arguments = [str(files / name) for name in ("stimulator.dcf", "stimulator.eds")]
-    for path in arguments:
-        assert CliRunner().invoke(main, ["eds", "check", path]).exit_code == 0
+    for name in ("stimulator.dcf", "stimulator.eds"):
+        succeed("eds", "check", files / name)
 
 
 def test_a_texture(files: Path) -> None:

@@ -4,10 +4,9 @@ import json
 from statistics import fmean
 
 import pytest
-from click.testing import CliRunner
+from commands import succeed
 
 from smarttac_can.bench import Stimulator
-from smarttac_can.cli import main
 from smarttac_can.paper.experiments import Conditions, experiments
 from smarttac_can.paper.reproduce import fitted, reproduce, summary
 
@@ -36,13 +35,11 @@ def test_rise_and_overshoot_are_those_of_the_paper(number):
 
 def test_the_results_tell_what_was_fitted_or_chosen_from_what_emerges(tmp_path, monkeypatch):
     monkeypatch.setattr("smarttac_can.paper.experiments.PASSES", 6)
-    arguments = ["reproduce", "table1", "--subjects", "fitted", "--json", str(tmp_path / "r.json")]
-    run = CliRunner().invoke(main, arguments)
-    assert run.exit_code == 0, run.output
-    lines = run.output.splitlines()
+    said = succeed("reproduce", "table1", "--subjects", "fitted", "--json", tmp_path / "r.json")
+    lines = said.splitlines()
     assert any(line.startswith("Rise time, subject 4") and " fitted " in line for line in lines)
     assert any(line.startswith("Static error, mean") and " emerges " in line for line in lines)
-    assert "subjects fitted" in run.output
+    assert "subjects fitted" in said
     results = json.loads((tmp_path / "r.json").read_text())
     assert results["subjects"] == "fitted"
     told = results["provenance"]
