@@ -1,10 +1,11 @@
 """``tools/bench`` times a loop that drives, alone or in two trees, and says so when it does not."""
 
 import json
-import runpy
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -12,19 +13,15 @@ import pytest
 from smarttac_can.bench import Mode, State, Stimulator
 
 ROOT = Path(__file__).parents[2]
-TOOL = ROOT / "tools" / "bench"
 
 
 @pytest.fixture
-def tool(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    """Names of the tool, which its functions see."""
-    monkeypatch.syspath_prepend(str(TOOL.parent))
-    names: dict[str, Any] = runpy.run_path(str(TOOL))["main"].__globals__
-    return names
+def tool(load: Callable[[str], ModuleType]) -> ModuleType:
+    return load("bench")
 
 
 def test_a_cycle_costs_time_over_every_link(
-    tool: dict[str, Any], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tool: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     call(tool, monkeypatch, "--ticks", "20", "--pairs", "2", "--json")
     rows = json.loads(capsys.readouterr().out).values()
@@ -34,14 +31,12 @@ def test_a_cycle_costs_time_over_every_link(
         assert row["real_time"] == pytest.approx(1e3 / row["here"], abs=0.1)
 
 
-def test_a_loop_that_is_off_is_an_error(
-    tool: dict[str, Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_loop_that_is_off_is_an_error(tool: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     off = property(None, lambda bench, _: bench.disarm())
     monkeypatch.setattr(Stimulator, "mode", off)
     monkeypatch.chdir(ROOT)
     with pytest.raises(SystemExit, match=r"^state READY, mode OFF, a finger"):
-        tool["recorded"]("local", 20)
+        tool.recorded("local", 20)
 
 
 @dataclass
@@ -57,8 +52,8 @@ class Said:
 
 
 @pytest.mark.parametrize("cof", [0.335, 0.365])
-def test_regulated_friction(tool: dict[str, Any], cof: float) -> None:
-    tool["require_friction"](Said(), cof)
+def test_regulated_friction(tool: ModuleType, cof: float) -> None:
+    tool.require_friction(Said(), cof)
 
 
 @pytest.mark.parametrize(
@@ -72,21 +67,21 @@ def test_regulated_friction(tool: dict[str, Any], cof: float) -> None:
     ],
 )
 def test_friction_that_is_not_regulated(
-    tool: dict[str, Any], said: Said, cof: float, error: str
+    tool: ModuleType, said: Said, cof: float, error: str
 ) -> None:
     with pytest.raises(
         SystemExit, match=rf"^{error} friction is not regulated to 0\.35 within 5%$"
     ):
-        tool["require_friction"](said, cof)
+        tool.require_friction(said, cof)
 
 
-def call(tool: dict[str, Any], monkeypatch: pytest.MonkeyPatch, *arguments: str) -> None:
+def call(tool: ModuleType, monkeypatch: pytest.MonkeyPatch, *arguments: str) -> None:
     monkeypatch.setattr(sys, "argv", ["bench", *arguments])
-    tool["main"]()
+    tool.main()
 
 
 def test_a_tree_against_itself(
-    tool: dict[str, Any], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tool: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     call(tool, monkeypatch, "--against", str(ROOT), "--ticks", "20", "--pairs", "1", "--json")
     results = json.loads(capsys.readouterr().out)
@@ -98,7 +93,7 @@ def test_a_tree_against_itself(
 
 
 def give(
-    tool: dict[str, Any], monkeypatch: pytest.MonkeyPatch, **runs: list[tuple[float, str]]
+    tool: ModuleType, monkeypatch: pytest.MonkeyPatch, **runs: list[tuple[float, str]]
 ) -> None:
     """Let the runs of the other tree and of this give us of a cycle and a hash, in their order."""
     left = {"/other": iter(runs["other"]), str(ROOT): iter(runs["here"])}
@@ -106,31 +101,29 @@ def give(
     def results_in(tree: Path, *_: str) -> dict[str, Any]:
         return dict(zip(("us", "sha256"), next(left[str(tree)]), strict=True))
 
-    monkeypatch.setitem(tool, "results_in", results_in)
+    monkeypatch.setattr(tool, "results_in", results_in)
 
 
-def test_the_ratio_is_that_of_the_pairs(
-    tool: dict[str, Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_ratio_is_that_of_the_pairs(tool: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     other, here = ([(us, "a") for us in many] for many in ((30.0, 90.0, 60.0), (15.0, 45.0, 30.0)))
     give(tool, monkeypatch, other=other, here=here)
-    assert tool["measured"]("local", [ROOT, Path("/other")], 10, 3) == {
+    assert tool.measured("local", [ROOT, Path("/other")], 10, 3) == {
         "other": 60.0, "here": 30.0, "ratio": 0.5, "range": [0.5, 0.5], "real_time": 33.3,
         "trace_sha256": "a",
     }  # fmt: skip
 
 
 def test_trees_that_record_something_else(
-    tool: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+    tool: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     give(tool, monkeypatch, other=[(1.0, "a")], here=[(1.0, "b")])
     with pytest.raises(SystemExit, match=r"^local: the trees record different traces: a, b$"):
-        tool["measured"]("local", [ROOT, Path("/other")], 10, 1)
+        tool.measured("local", [ROOT, Path("/other")], 10, 1)
 
 
-def test_a_tree_that_fails_is_named(tool: dict[str, Any], tmp_path: Path) -> None:
+def test_a_tree_that_fails_is_named(tool: ModuleType, tmp_path: Path) -> None:
     with pytest.raises(SystemExit, match=rf"^Error: {tmp_path}: .*--one local .*: ."):
-        tool["measured"]("local", [tmp_path], 10, 1)
+        tool.measured("local", [tmp_path], 10, 1)
 
 
 @pytest.mark.parametrize(
@@ -144,7 +137,7 @@ def test_a_tree_that_fails_is_named(tool: dict[str, Any], tmp_path: Path) -> Non
 def test_wrong_arguments(
     arguments: list[str],
     error: str,
-    tool: dict[str, Any],
+    tool: ModuleType,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],

@@ -2,14 +2,14 @@
 
 import json
 import os
-import runpy
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import psutil
@@ -23,9 +23,8 @@ QUANTILES = {"p50_us", "p99_us", "p999_us", "p9999_us", "max_us"}
 
 
 @pytest.fixture
-def tool(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    monkeypatch.syspath_prepend(str(TOOL.parent))
-    return runpy.run_path(str(TOOL))
+def tool(load: Callable[[str], ModuleType]) -> ModuleType:
+    return load("bench_realtime")
 
 
 @contextmanager
@@ -117,8 +116,8 @@ def run_of(plate: float, missed: int) -> dict[str, Any]:
     }
 
 
-def test_two_trees_are_compared_by_pairs(tool: dict[str, Any]) -> None:
-    compared = tool["compared"]
+def test_two_trees_are_compared_by_pairs(tool: ModuleType) -> None:
+    compared = tool.compared
     other = [run_of(0.2, 0), run_of(0.4, 10), run_of(0.3, 0)]
     results = compared(other, [run_of(0.1, 5), run_of(0.2, 0), run_of(0.15, 0)])
     assert results["pairs"] == 3
@@ -144,17 +143,17 @@ def test_two_trees_are_compared_by_pairs(tool: dict[str, Any]) -> None:
 def test_wrong_arguments(
     arguments: tuple[str, ...],
     error: str,
-    tool: dict[str, Any],
+    tool: ModuleType,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setattr("sys.argv", ["bench", *(each.format(empty=tmp_path) for each in arguments)])
     with pytest.raises(SystemExit, match=r"^2$"):
-        tool["main"]()
+        tool.main()
     assert error in capsys.readouterr().err
 
 
-def test_a_run_that_does_not_end_is_ended(tool: dict[str, Any]) -> None:
-    with pytest.raises(BenchError, match="not ended after 0 s"), tool["bounded"](0.05):
+def test_a_run_that_does_not_end_is_ended(tool: ModuleType) -> None:
+    with pytest.raises(BenchError, match="not ended after 0 s"), tool.bounded(0.05):
         time.sleep(GUARD_S)

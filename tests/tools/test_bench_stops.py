@@ -1,31 +1,19 @@
 """``tools/bench_stops``: what it takes for a broken bound, and that it measures one."""
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from importlib.machinery import SourceFileLoader
-from importlib.util import module_from_spec, spec_from_loader
-from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
 
-TOOL = Path(__file__).parents[2] / "tools" / "bench_stops"
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="priorities of Linux")
 
 
-@pytest.fixture(scope="module")
-def tool() -> ModuleType:
-    loader = SourceFileLoader("bench_stops", str(TOOL))
-    spec = spec_from_loader("bench_stops", loader)
-    assert spec is not None
-    module = module_from_spec(spec)
-    sys.modules["bench_stops"] = module
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(TOOL.parent))
-        loader.exec_module(module)
-    return module
+@pytest.fixture
+def tool(load: Callable[[str], ModuleType]) -> ModuleType:
+    return load("bench_stops")
 
 
 @pytest.fixture
@@ -107,7 +95,7 @@ def test_a_voltage_that_comes_back_is_a_broken_bound(tool: Any, rows: Any) -> No
 def test_wrong_arguments(
     arguments: tuple[str, ...], tool: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sys, "argv", [str(TOOL), *arguments])
+    monkeypatch.setattr(sys, "argv", ["bench_stops", *arguments])
     with pytest.raises(SystemExit) as told:
         tool.main()
     assert told.value.code == 2

@@ -1,10 +1,10 @@
 """``tools/mutate`` tries the changes of a tiny package, of which its test notices some."""
 
-import importlib.util
 import shutil
 import subprocess
 import sys
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -149,14 +149,8 @@ def test_a_statement_that_no_test_misses_is_listed_in_a_row_of_its_own(tree: Pat
 
 
 @pytest.fixture
-def mutants() -> ModuleType:
-    """Import the module beside the tool."""
-    spec = importlib.util.spec_from_file_location("mutants", TOOL.parent / "mutants.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def mutants(load: Callable[[str], ModuleType]) -> ModuleType:
+    return load("mutants.py")
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,9 @@
 
 import runpy
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from types import ModuleType
 
 import pytest
 
@@ -12,22 +13,24 @@ TOOL = ROOT / "tools" / "nightly"
 
 
 @pytest.fixture
-def tool(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    """Names of the tool, whose page lists two short scripts."""
-    names: dict[str, Any] = runpy.run_path(str(TOOL))["main"].__globals__
+def tool(
+    load: Callable[[str], ModuleType], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> ModuleType:
+    """The tool, whose page lists two short scripts."""
+    tool = load("nightly")
     scripts = {"good": "print('first'); print('all | well')", "bad": "raise SystemExit('no way')"}
     for name, script in scripts.items():
         (tmp_path / name).write_text(script)
-    monkeypatch.setitem(names, "ROOT", tmp_path)
-    monkeypatch.setitem(names, "PAGE", tmp_path / "nightly.md")
+    monkeypatch.setattr(tool, "ROOT", tmp_path)
+    monkeypatch.setattr(tool, "PAGE", tmp_path / "nightly.md")
     rows = "".join(f"| {name} | a script | `{name}` | not run |  |  |  |\n" for name in scripts)
-    names["PAGE"].write_text(f"By hand.\n{names['RULE']}{rows}", "utf-8")
-    return names
+    tool.PAGE.write_text(f"By hand.\n{tool.RULE}{rows}", "utf-8")
+    return tool
 
 
-def call(tool: dict[str, Any], monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
+def call(tool: ModuleType, monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
     monkeypatch.setattr(sys, "argv", ["nightly", *arguments])
-    code: int = tool["main"]()
+    code: int = tool.main()
     return code
 
 
@@ -36,25 +39,25 @@ BAD = "| bad | a script | `bad` | **failed** with 1 | no way | 0 min |  |"
 
 
 def test_a_failure_is_on_the_page_and_in_the_exit_code(
-    tool: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+    tool: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert call(tool, monkeypatch) == 1
-    assert tool["PAGE"].read_text().splitlines()[2:] == [GOOD, BAD]
+    assert tool.PAGE.read_text().splitlines()[2:] == [GOOD, BAD]
 
 
 def test_a_row_that_is_not_asked_for_stays(
-    tool: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+    tool: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert call(tool, monkeypatch, "good") == 0
-    written = tool["PAGE"].read_text()
+    written = tool.PAGE.read_text()
     assert written.startswith("By hand.\n")
     assert written.splitlines()[2:] == [GOOD, "| bad | a script | `bad` | not run |  |  |  |"]
     assert call(tool, monkeypatch, "bad") == 1
-    assert tool["PAGE"].read_text().splitlines()[2:] == [GOOD, BAD]
+    assert tool.PAGE.read_text().splitlines()[2:] == [GOOD, BAD]
 
 
 def test_a_run_that_the_page_does_not_list(
-    tool: dict[str, Any], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tool: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit, match=r"^2$"):
         call(tool, monkeypatch, "good", "worse")

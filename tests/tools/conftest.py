@@ -1,0 +1,29 @@
+"""Tools as modules, whose names a test may change."""
+
+import sys
+from collections.abc import Callable
+from importlib.machinery import SourceFileLoader
+from importlib.util import module_from_spec, spec_from_loader
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+TOOLS = Path(__file__).parents[2] / "tools"
+
+
+@pytest.fixture
+def load(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], ModuleType]:
+    """Return what loads a tool, or a module beside the tools, anew by the name of its file."""
+
+    def loaded(name: str) -> ModuleType:
+        monkeypatch.syspath_prepend(TOOLS)
+        loader = SourceFileLoader(name.removesuffix(".py"), str(TOOLS / name))
+        spec = spec_from_loader(loader.name, loader)
+        assert spec is not None
+        module = module_from_spec(spec)
+        monkeypatch.setitem(sys.modules, loader.name, module)
+        loader.exec_module(module)
+        return module
+
+    return loaded
