@@ -23,12 +23,15 @@ def summed(of_law, campaign=None):
     return summary(campaign or Campaign(), Result(of_law, 1.0, 1.0, 0.0, True))
 
 
-def drawn(low, high):
-    of_law = rows(low, high)
-    figure = distributions([summed(of_law)], [of_law])
+def rendered(figure):
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     return figure, canvas.get_renderer()
+
+
+def drawn(low, high):
+    of_law = rows(low, high)
+    return rendered(distributions([summed(of_law)], [of_law]))
 
 
 RANGES = [
@@ -57,10 +60,7 @@ def under_all_laws(low, high):
     campaigns = [Campaign(1, law, VibrationLaw.PREDICTIVE) for law in Law]
     fingers = [rows(low, high)] * len(campaigns)
     pairs = zip(fingers, campaigns, strict=True)
-    figure = distributions([summed(*pair) for pair in pairs], fingers)
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    return figure, canvas.get_renderer()
+    return rendered(distributions([summed(*pair) for pair in pairs], fingers))
 
 
 @pytest.mark.parametrize(

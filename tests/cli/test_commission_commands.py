@@ -159,7 +159,6 @@ def test_dcf(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("check", "missing.eds"), "'missing.eds' is neither a file nor stimulator or plate"),
         (("check", RICH, "--device"), "--device needs --node-id"),
         (("doc", ROOT / "README.md"), "README.md: the file has no objects"),
         (("dbc", ROOT / "README.md"), "README.md: the file has no objects"),
