@@ -115,41 +115,31 @@ def test_what_is_wrong_is_one_line(arguments: tuple[str, ...], code: int, messag
     assert message in refusal("campaign", *arguments, code=code)
 
 
-def test_without_numba_it_says_so_and_gives_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    one = ("campaign", "--fingers", "1", "--json", "-")
-    compiled_ = json.loads(succeed(*one))
-    for module in (command, runner):
-        monkeypatch.setattr(module, "can_compile", lambda: False)
-    monkeypatch.setattr(trial, "fastest", trial.plain)
-    result = run(*one)
-    assert "numba is not installed" in result.stderr
-    assert "smarttac-can[campaign]" in result.stderr
-    plain = json.loads(result.stdout)
-    assert plain["compiled"] is False
-    for name, values in plain["metrics"].items():
-        assert values == pytest.approx(compiled_["metrics"][name], rel=1e-6)
-
-
-def test_it_goes_on_after_numba_was_installed(
+def test_without_numba_it_says_so_gives_the_same_and_goes_on_once_it_is_installed(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     pytest.importorskip("numba")
     rows = tmp_path / "rows"
     some = ("campaign", "--resume", str(rows), "--json", "-", "--fingers")
-    whole = json.loads(succeed("campaign", "--fingers", "2", "--json", "-"))
+    one, two = (json.loads(succeed("campaign", "--json", "-", "--fingers", n)) for n in "12")
     with monkeypatch.context() as without:
         for module in (command, runner):
             without.setattr(module, "can_compile", lambda: False)
         without.setattr(trial, "fastest", trial.plain)
-        plain = json.loads(succeed(*some, "1"))
+        result = run(*some, "1")
+    assert "numba is not installed" in result.stderr
+    assert "smarttac-can[campaign]" in result.stderr
+    plain = json.loads(result.stdout)
     assert plain["compiled"] is False
+    for name, values in plain["metrics"].items():
+        assert values == pytest.approx(one["metrics"][name], rel=1e-6)
     result = run(*some, "2")
     assert result.exit_code == 0, result.stderr
     mixed = json.loads(result.stdout)
     assert mixed["compiled"] is None
     assert f"some of the fingers in {rows} were run without numba" in result.stderr
     for name, values in mixed["metrics"].items():
-        assert values == pytest.approx(whole["metrics"][name], rel=1e-6)
+        assert values == pytest.approx(two["metrics"][name], rel=1e-6)
     again = json.loads(succeed(*some, "1"))
     assert again["rows_sha256"] == plain["rows_sha256"]
     assert again["compiled"] is False
