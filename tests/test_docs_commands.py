@@ -9,9 +9,7 @@ from commands_of import commands_of
 
 from smarttac_can.cli import main as smarttac
 
-PAGE = (Path(__file__).parents[2] / "docs" / "reference" / "cli.md").read_text()
-
-
+PAGE = (Path(__file__).parents[1] / "docs" / "reference" / "cli.md").read_text()
 COMMANDS = [(" ".join(path), command) for path, command in commands_of(smarttac, "smarttac")]
 
 
