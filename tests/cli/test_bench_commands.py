@@ -333,14 +333,14 @@ def test_what_drives_has_to_write() -> None:
 # ``smarttac selftest`` as a command: lines, JSON, exit codes, and 0 V after Ctrl-C.
 
 
-def command(bus: dict[str, Any], *arguments: str) -> list[str]:
-    own = [sys.executable, "-W", "error", "-m", "smarttac_can", "selftest"]
-    return [*own, *multicast_options(bus), *arguments]
-
-
 def selftest(bus: dict[str, Any], *arguments: str) -> subprocess.CompletedProcess[str]:
+    own = [sys.executable, "-W", "error", "-m", "smarttac_can", "selftest"]
     return subprocess.run(
-        command(bus, *arguments), capture_output=True, text=True, check=False, timeout=GUARD_S
+        [*own, *multicast_options(bus), *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=GUARD_S,
     )
 
 
@@ -370,14 +370,17 @@ def test_a_sound_plate_and_a_broken_one(multicast: dict[str, Any], tmp_path: Pat
     assert 90 < bad[0]["value"] < 110
 
 
-def test_a_finger_on_the_plate_is_named(multicast: dict[str, Any]) -> None:
-    with processes(multicast, "node --lockstep"):
-        with Stimulator.connect(**multicast, lockstep=True) as bench:
+def test_a_finger_on_the_plate_is_named(virtual: dict[str, Any]) -> None:
+    node = stimulator_with_plate()
+    node.od["Finger.Motion"].default = 1
+    with in_threads(virtual, node):
+        with Stimulator.connect(**virtual, lockstep=True) as bench:
             bench.run(0.2)
             bench.tare()
             bench.run(0.5)
-        touched = selftest(multicast, "--lockstep")
-    assert touched.returncode == 1
+        bus = ("--interface", virtual["interface"], "--channel", virtual["channel"])
+        touched = run("selftest", *bus, "--lockstep")
+    assert touched.exit_code == 1
     assert touched.stderr.splitlines()[-1] == "a finger touches the plate: lift it, and repeat"
 
 
