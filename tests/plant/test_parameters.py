@@ -130,10 +130,10 @@ def test_a_mode_oscillates_if_it_would_under_10_newtons_at_half_its_resonance(of
     damping = 2 * 5e-3 / 1e-4 + 55.0 * 20.0 ** (2 / 3) * 1.1**2
     least = damping / (2 * math.pi * 5e-3) - min(offset, 0.0)
     contact = ContactParameters(ripple=0.1)
-    enough = dataclasses.replace(mode, f0=1.0001 * least)
+    enough = dataclasses.replace(mode, f0=1.00001 * least)
     moves(subject=fingertip, contact=contact, resonator=enough)
     with pytest.raises(ValueError, match="does not oscillate"):
-        lower = dataclasses.replace(mode, f0=0.9999 * least)
+        lower = dataclasses.replace(mode, f0=0.99999 * least)
         moves(subject=fingertip, contact=contact, resonator=lower)
 
 
