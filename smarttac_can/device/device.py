@@ -15,7 +15,7 @@ from smarttac_can.device.port import Clock, Identifiers, Port
 from smarttac_can.device.sdo import SDOServer
 from smarttac_can.device.service import Access, Application, Service
 from smarttac_can.device.storage import Memory, ParameterStorage, Storage
-from smarttac_can.device.sync import TimeStamp
+from smarttac_can.device.sync import Sync, TimeStamp
 from smarttac_can.od.cia import (
     COMMUNICATION_FIRST,
     COMMUNICATION_LAST,
@@ -141,8 +141,6 @@ class Device:
         Present NMT state; INITIALISING before `start`.
     ids
         CAN-IDs of the device; replaced by a new object when they change.
-    sync
-        Consumer or producer of SYNC.
     """
 
     def __init__(
@@ -167,7 +165,6 @@ class Device:
         self.clock = clock or Clock()
         self._port = port = Port(self.clock)
         self._autostart = autostart
-        self._off = True
         self.nmt_state = NMTState.INITIALISING
         self._emergency = emergency = Emergency(port, od)
         self._storage = ParameterStorage(port, od, emergency, storage or Memory(), application)
@@ -179,7 +176,6 @@ class Device:
         self._collision = Collision(port, od, application, lambda: self._services)
         self._error_behaviour = ErrorBehaviour(port, od, self._enter)
         self._pdos = pdos = ProcessData(port, od, emergency, application, loop_tpdos, loop_rpdos)
-        self.sync = pdos.sync
         self._access = access = Access(od, application, self._take_parameters)
         servers = [i for i in od.objects if SDO_SERVER_FIRST < i <= SDO_SERVER_LAST]
         losses = Losses(emergency, application, self._error_behaviour.react)
@@ -210,6 +206,11 @@ class Device:
     def node_id(self) -> int:
         """Node-ID, 1..127; 255 while the device has none."""
         return self._lss.node_id
+
+    @property
+    def sync(self) -> Sync:
+        """Consumer or producer of SYNC."""
+        return self._pdos.sync
 
     @property
     def bit_rate(self) -> int | None:
@@ -247,7 +248,6 @@ class Device:
         fixed = self._node_id not in (None, UNCONFIGURED)
         default = self.od.node_id if self._node_id is None else self._node_id
         self._lss.load(default if fixed else self._storage.image.node_id or default)
-        self._off = True
         self._reset_node()
         return self._port.take()
 
@@ -375,7 +375,7 @@ class Device:
         state = COMMANDS[data[0]]
         if state in (NMTState.RESET_APPLICATION, NMTState.RESET_COMMUNICATION):
             self._initialise(state)
-        elif state != self.nmt_state and not self._off:
+        elif self.nmt_state not in (state, NMTState.INITIALISING):
             self._enter(state)
 
     def _enter(self, state: NMTState) -> None:
@@ -391,18 +391,16 @@ class Device:
         self._initialise(NMTState.RESET_APPLICATION)
 
     def _initialise(self, state: NMTState) -> None:
+        power_on = state is NMTState.RESET_APPLICATION or self.nmt_state is NMTState.INITIALISING
         self.nmt_state = state
         for service in self._services:
             service.enter(state)
         self._lss.node_id = self._lss.pending
         if self._lss.node_id == UNCONFIGURED:
-            self._off = True
             self._enter(NMTState.INITIALISING)
             return
         self.od.renumber(self._lss.node_id)
-        power_on = self._off or state is NMTState.RESET_APPLICATION
         first, last = (0, LAST_INDEX) if power_on else (COMMUNICATION_FIRST, COMMUNICATION_LAST)
-        self._off = False
         self.od.reset(first, last)
         self._storage.restore(first, last)
         if power_on:

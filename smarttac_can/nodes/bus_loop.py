@@ -215,13 +215,14 @@ class BusLoop:
 
     def sync(self, device: Device) -> None:
         """Check the time, the counter and the sender of a SYNC."""
-        if device.sync.own:
-            self._missed.count(device.sync.missed)
+        sync = device.sync
+        if sync.own:
+            self._missed.count(sync.missed)
             self._sync.produced()
-        elif device.sync.produces:
+        elif sync.produces:
             return
         else:
-            self._sync.heard(device.sync.counter)
+            self._sync.heard(sync.counter)
         self.source.sync()
         self.late_answers.sync()
 
