@@ -10,16 +10,45 @@ import pytest
 from nodes_on_a_bus import GUARD_S, both, in_threads, stimulator_with_plate
 
 from smarttac_can.bench import HeartbeatLostError, NotRunningError, Stimulator
+from smarttac_can.bench.can_link import over_can
+from smarttac_can.bench.network import LocalNetwork
 from smarttac_can.device.frame import Frame
+from smarttac_can.host.local_bus import Connection, LocalBus
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.master.errors import BenchError
 from smarttac_can.od.cia import SYNC_ID
+
+
+def local_bench() -> tuple[Stimulator, list[Connection]]:
+    bus = LocalBus()
+    ports = [bus.attach(node) for node in both()]
+    bench = Stimulator(
+        *over_can(LocalNetwork(bus), 32, 33, where="local", lockstep=True, timeout=0.0)
+    )
+    return bench, ports
 
 
 def answer_within(bench: Stimulator, seconds: float) -> None:
     """Wait no longer from now on for SDO answers, of which none is expected."""
     for device in bench._link._devices:  # type: ignore[attr-defined]
         device._sdo.RESPONSE_TIMEOUT = seconds
+
+
+def test_a_node_pulled_off_in_the_middle_of_a_run() -> None:
+    bench, (plate, _) = local_bench()
+    syncs = 0
+
+    def pull(_can_id: int, _data: bytes, _time: float) -> None:
+        nonlocal syncs
+        syncs += 1
+        if syncs == 50:
+            plate.close()
+
+    link = bench._link
+    link._network.subscribe(0x221, pull)  # type: ignore[attr-defined]
+    with pytest.raises(NotRunningError, match="3 cycles in a row were lost"):
+        bench.run(1.0)
+    assert syncs == 50
 
 
 @pytest.mark.parametrize("who", [0, 1], ids=["plate", "stimulator"])

@@ -8,7 +8,7 @@ from typing import Any
 import canopen
 import numpy as np
 import pytest
-from nodes_on_a_bus import both, in_threads, stimulator_with_plate
+from nodes_on_a_bus import both, in_threads, processes, stimulator_with_plate
 
 from smarttac_can.bench import Stimulator, Trace
 from smarttac_can.bench.simulation import LinkName
@@ -84,6 +84,15 @@ def test_nodes_in_threads_at_any_pace(
             pause_s=lambda: pauses.choice((0.0, 0.0, 0.0, 0.0, 0.0005, 0.002)),
         ),
         Stimulator.connect(**virtual, plate_node_id=plate, lockstep=True) as bench,
+    ):
+        assert digest(experiment(bench), tmp_path) == reference
+
+
+def test_real_processes(multicast: dict[str, Any], reference: str, tmp_path: Path) -> None:
+    commands = "plate --lockstep", "node --lockstep --plate-node 33"
+    with (
+        processes(multicast, *commands),
+        Stimulator.connect(**multicast, plate_node_id=33, lockstep=True) as bench,
     ):
         assert digest(experiment(bench), tmp_path) == reference
 
