@@ -1,5 +1,6 @@
 """Run the command ``smarttac``, also as ``python -m smarttac_can``."""
 
+import errno
 import sys
 
 
@@ -12,7 +13,7 @@ def run() -> None:
     except KeyboardInterrupt:
         sys.exit("\nAborted!")
     except OSError as error:
-        if error.filename is not None:
+        if error.errno != errno.ENOSPC or error.filename is not None:
             raise
         sys.exit(f"Error: stdout: {error.strerror}")  # of --help; commands report their own files
 

@@ -220,12 +220,10 @@ def _entered(device: RemoteDevice) -> Iterator[_Watch]:
 
 
 def _nmt(device: RemoteDevice) -> str:
-    # The state of a boot-up message is 0; the heartbeat after it has the one that was entered.
-    wait_until(
-        lambda: device.heartbeat_at is not None and device.state != 0,
-        _HEARTBEATS_WAITED * device.heartbeat_s,
-    )
-    return state_text(device.state) if device.heartbeat_at is not None else UNKNOWN
+    # 0 before the first heartbeat, and after a boot-up: the next heartbeat has the state entered.
+    wait_until(lambda: device.state != 0, _HEARTBEATS_WAITED * device.heartbeat_s)
+    state = device.state
+    return state_text(state) if state else UNKNOWN
 
 
 def _state(device: RemoteDevice) -> dict[str, Any]:

@@ -111,8 +111,7 @@ def _read_text(path: Path, suffix: str, on_cut: OnCut | None) -> Iterator[tuple[
 def _read_binary(path: Path, reader: Any, on_cut: OnCut | None) -> Iterator[tuple[int, Frame]]:
     kind = _kind(path.suffix.lower())
     with open_regular(path) as file:
-        size = os.fstat(file.fileno()).st_size
-        stated = 0
+        stated = size = os.fstat(file.fileno()).st_size
 
         def opened(stream: Any) -> Any:
             nonlocal stated
@@ -120,12 +119,19 @@ def _read_binary(path: Path, reader: Any, on_cut: OnCut | None) -> Iterator[tupl
             stated = log.file_size
             return log
 
-        yield from _read(file, opened, lambda: f"{path} is no {kind} log, or damaged")
-        if stated > size:  # python-can ends there like at the end of a whole log
-            cut = f"{path}: cut after {size} of {stated} bytes: its last frames are missing"
-            if on_cut is None:
-                raise ValueError(cut)
-            on_cut(cut)
+        try:
+            yield from _read(file, opened, lambda: f"{path} is no {kind} log, or damaged")
+        except ValueError:
+            if stated <= size:
+                raise
+    if stated == size:
+        return
+    # python-can ends a log that is cut like a whole one, and its writer states the size at the end.
+    cut = f"cut after {size} of {stated} bytes" if stated > size else "its logger has not ended it"
+    text = f"{path}: {cut}, and its last frames may be missing"
+    if on_cut is None:
+        raise ValueError(text)
+    on_cut(text)
 
 
 def _kind(suffix: str) -> str:

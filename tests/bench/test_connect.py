@@ -122,11 +122,12 @@ def test_real_time_with_nodes_in_lockstep_is_named(
     )
     with (
         in_threads(virtual, *nodes),
-        Stimulator.connect(**virtual, plate_node_id=None if inside else 33, timeout=0.3) as bench,
+        Stimulator.connect(**virtual, plate_node_id=None if inside else 33) as bench,
     ):
-        for act in (lambda: bench.run(0.01), lambda: setattr(bench, "mode", 2), bench.read):
-            with pytest.raises(NotRunningError, match=f"^{stands}"):
-                act()
+        with pytest.raises(NotRunningError, match=f"^{stands}"):
+            bench.run(0.01)
+        with pytest.raises(NotRunningError, match=f"^{stands}"):
+            bench.mode = "amplitude"
 
 
 def test_what_is_missing_in_lockstep_is_no_matter_of_time(virtual: dict[str, Any]) -> None:
@@ -276,6 +277,15 @@ def test_a_reading_right_after_connect_waits_for_the_first_values(virtual: dict[
         Stimulator.connect(**virtual, timeout=GUARD_S) as bench,
     ):
         assert bench.read().mode is Mode.OFF
+
+
+def test_a_reading_of_nodes_in_lockstep_names_the_cure(virtual: dict[str, Any]) -> None:
+    with (
+        in_threads(virtual, stimulator_with_plate()),
+        Stimulator.connect(**virtual, timeout=0.3) as bench,
+        pytest.raises(NotRunningError, match="stands still without SYNC: connect with lockstep"),
+    ):
+        bench.read()
 
 
 def test_a_reading_waits_for_no_longer_than_the_time_out(virtual: dict[str, Any]) -> None:

@@ -16,6 +16,7 @@ import pytest
 from commands import refusal, run
 
 import smarttac_can.bench
+from smarttac_can import __main__
 from smarttac_can.bench import BenchError, FaultError, RefusedError, Stimulator
 from smarttac_can.bench.errors import in_shell_words
 from smarttac_can.cli.shared import plain_errors
@@ -87,6 +88,21 @@ def test_help_that_finds_no_room_is_one_line(arguments: list[str]) -> None:
             check=False,
         )
     assert (done.returncode, done.stderr) == (1, "Error: stdout: No space left on device\n")
+
+
+@pytest.mark.parametrize(
+    "error", [OSError("text only"), OSError(errno.ENOSPC, "No space left on device", "a file")]
+)
+def test_another_error_is_not_one_of_stdout(
+    error: OSError, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(**_: object) -> None:
+        raise error
+
+    monkeypatch.setattr("smarttac_can.cli.main", fail)
+    with pytest.raises(OSError) as raised:
+        __main__.run()
+    assert raised.value is error
 
 
 @pytest.fixture

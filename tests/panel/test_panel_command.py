@@ -24,7 +24,7 @@ from nodes_on_a_bus import (
 )
 from open_pages import Browser, Page
 
-from smarttac_can.bench import Stimulator
+from smarttac_can.bench import BenchError, Stimulator
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.panel.instrument import BusInstrument
 from smarttac_can.vocabulary.states import Law, Mode
@@ -153,11 +153,13 @@ def test_without_drive_a_page_looks_on(node: StimulatorNode, multicast: dict[str
 
 def test_it_drives_a_bus_and_stops(node: StimulatorNode, multicast: dict[str, Any]) -> None:
     options = (*multicast_options(multicast), "--drive")
-    with panel(*options) as (process, token, port):
+    with Stimulator.connect(**multicast) as other, panel(*options) as (process, token, port):
 
         async def script(page: Page) -> None:
             await drive(page, token)
             await shows(node, Mode.OPEN_LOOP)
+            with pytest.raises(BenchError, match=r"^another bench script drives node 32"):
+                await asyncio.to_thread(setattr, other, "mode", "amplitude")
             await page.line("amplitude 1.5")
             await page.send(do="line", text="amplitude 99")
             await page.until(lambda: "cannot write 99000 nm" in page.now["answer"])
@@ -179,9 +181,11 @@ def test_it_drives_a_bus_and_stops(node: StimulatorNode, multicast: dict[str, An
 
 
 def test_it_does_not_drive_what_another_bench_drives(
-    node: StimulatorNode, multicast: dict[str, Any]
+    node: StimulatorNode, multicast: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Nor what another panel drives, which is a bench."""
+    """A panel is a bench for another one: see the test before."""
+    # A process starts while this one sends the heartbeat of who drives.
+    monkeypatch.setattr("smarttac_can.bench.remote_device._LOST_MS", 5000)
     with Stimulator.connect(**multicast) as bench:
         bench.voltage = 20.0
         bench.mode = "open_loop"

@@ -24,7 +24,7 @@ from smarttac_can.vocabulary.meanings import START_RUN
 from smarttac_can.vocabulary.states import Control, Mode
 
 Log = list[tuple[int, Frame]]
-SYNC, DRIVE, EMCY, BOOT_UP = 0x080, 0x221, 0x0A0, 0x720
+SYNC, DRIVE, BOOT_UP = 0x080, 0x221, 0x720
 SDO_TO, SDO_FROM = 0x620, 0x5A0
 DEADLINE_MS = 3
 READ = Frame(SDO_TO, bytes.fromhex("4000200000000000"))

@@ -33,8 +33,10 @@ Script = Callable[[Pilot[None], WatchScreen], Awaitable[None]]
 
 
 @pytest.fixture
-def node(virtual: dict[str, Any]) -> Iterator[StimulatorNode]:
+def node(virtual: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> Iterator[StimulatorNode]:
     """Run a node in a thread, which ends no run because the machine is busy."""
+    # The process that draws sends the heartbeat of who drives.
+    monkeypatch.setattr("smarttac_can.bench.remote_device._LOST_MS", 5000)
     made = stimulator_with_plate(lockstep=False)
     with in_threads(virtual, made, lockstep=False):
         yield made
@@ -97,12 +99,7 @@ def test_it_looks_on_while_another_bench_drives(virtual: dict[str, Any]) -> None
         play(virtual, script)
 
 
-def test_it_drives_and_stops(
-    virtual: dict[str, Any], node: StimulatorNode, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # The screen is drawn in the process that sends the heartbeat of who drives.
-    monkeypatch.setattr("smarttac_can.bench.remote_device._LOST_MS", 5000)
-
+def test_it_drives_and_stops(virtual: dict[str, Any], node: StimulatorNode) -> None:
     async def script(pilot: Pilot[None], screen: WatchScreen) -> None:
         await until(pilot, screen, "state ready")
         enter(screen, "amplitude 1.2")
