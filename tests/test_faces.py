@@ -87,7 +87,7 @@ def test_a_face_with_modules_for_the_bus_loads_nothing_of_its_package(face: str)
         (imports(*PURE, "audit", "replay", "conformance"), {"can", "canopen", *HEAVY}),
         # A node needs nothing that reports alone do.
         (imports("cli.nodes"), {"matplotlib", "scipy", "pytest", "hypothesis"}),
-        # A table of text needs no pictures, and a picture no window.
+        # A report needs matplotlib only to draw, and figures need no window.
         (imports("paper.report"), {"matplotlib"}),
         (imports("paper.figures"), {"matplotlib.pyplot"}),
         # The modules of a command are loaded when it is called.

@@ -117,7 +117,7 @@ class SharedSdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]  # python-ca
         # A server has one transfer: it drops this one when another client begins.
         self._dropped |= self._answered and response[0] >> 5 in _INITIATED
         if self._initiating and response[0] == ABORT and _abort_code(response) in _UNDER_WAY:
-            return  # another client that reads the same entry
+            return  # it ends the transfer of another client that reads the same entry
         if answers(Frame(can_id, response), Frame(self.rx_cobid, self._request)):
             self._answered = True
             super().on_response(can_id, data, timestamp)

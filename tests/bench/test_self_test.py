@@ -42,7 +42,7 @@ def broken(bench: Stimulator, kind: FaultKind, sensor: int = 1, value: int = 0) 
 
 
 def after_each_run(bench: Stimulator, change: Callable[[int, list[Row]], None]) -> None:
-    """Have the rows that a run of so many cycles has given changed."""
+    """Call ``change`` with the cycles and rows of each run."""
     run = bench._link.run
 
     def changed(cycles: int, rows: list[Row], *others: Any) -> None:

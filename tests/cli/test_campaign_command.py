@@ -118,10 +118,8 @@ def test_what_is_wrong_is_one_line(arguments: tuple[str, ...], code: int, messag
 def test_without_numba_it_says_so_gives_the_same_and_goes_on_once_it_is_installed(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    pytest.importorskip("numba")
     rows = tmp_path / "rows"
     some = ("campaign", "--resume", str(rows), "--json", "-", "--fingers")
-    one, two = (json.loads(succeed("campaign", "--json", "-", "--fingers", n)) for n in "12")
     with monkeypatch.context() as without:
         for module in (command, runner):
             without.setattr(module, "can_compile", lambda: False)
@@ -131,6 +129,8 @@ def test_without_numba_it_says_so_gives_the_same_and_goes_on_once_it_is_installe
     assert "smarttac-can[campaign]" in result.stderr
     plain = json.loads(result.stdout)
     assert plain["compiled"] is False
+    pytest.importorskip("numba")
+    one, two = (json.loads(succeed("campaign", "--json", "-", "--fingers", n)) for n in "12")
     for name, values in plain["metrics"].items():
         assert values == pytest.approx(one["metrics"][name], rel=1e-6)
     result = run(*some, "2")

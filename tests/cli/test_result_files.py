@@ -29,11 +29,11 @@ FILES: dict[str, tuple[str | Path, ...]] = {
     "reproduce --json": ("reproduce", "fig3", "--json"),
     "reproduce --animate": ("reproduce", "fig3", "--animate"),
     "campaign --json": ("campaign", "--fingers", "1000000", "--json"),
-    "faults --json": ("faults", "--fault", "S3 stuck", "--mode", "friction", "--json"),
-    "faults --log": ("faults", "--fault", "S3 stuck", "--mode", "friction", "--log"),
+    "faults --json": ("faults", "--json"),
+    "faults --log": ("faults", "--log"),
     "soak --json": ("soak", "--hours", "1000", "--json"),
-    "fmeda --json": ("fmeda", "--jobs", "1", "--random", "1", "--json"),
-    "hostile --json": ("hostile", "--actions", "5", "--json"),
+    "fmeda --json": ("fmeda", "--jobs", "1", "--random", "1000000", "--json"),
+    "hostile --json": ("hostile", "--actions", "1000000", "--json"),
     "scan --json": ("scan", *CHANNEL, "--timeout", "0.01", "--json"),
     "conform --json": ("conform", *CHANNEL, "--eds", "plate", "--node-id", "5", "--json"),
     "conform --report": ("conform", *CHANNEL, "--eds", "plate", "--node-id", "5", "--report"),
@@ -69,7 +69,7 @@ def test_a_file_with_results_is_kept(arguments: tuple[str | Path, ...], tmp_path
 def test_a_file_whose_folder_is_not_there_is_refused_before_the_run(
     name: str, tmp_path: Path
 ) -> None:
-    """Of a picture the folder is made, and of a calibration the plan is read first: it is none."""
+    """``--animate`` creates its folder, and ``calibrate`` reads its plan first."""
     file = tmp_path / "missing" / "result"
     assert refusal(*FILES[name], file) == f"{file}: the folder {file.parent} does not exist"
     assert content(tmp_path) == {}

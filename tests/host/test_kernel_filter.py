@@ -111,7 +111,7 @@ def test_own_echoes_do_not_reach_the_socket_and_equal_frames_of_others_do(
         sockets = [open_socket(bus, multicast["channel"]) for bus in (mine, other)]
         me, another = (party for party in sockets if party is not None)
         with closing(me), closing(another):
-            if blocked is not None:  # from the beginning on, else
+            if blocked is not None:  # else the filter is the one that open_socket has set
                 drop(mine, blocked, me._codec.mark)
             for can_id in WIDTHS:
                 me.send(Frame(can_id, b"", rtr))

@@ -78,7 +78,7 @@ class Server(canopen.Network):  # type: ignore[misc]  # python-canopen is untype
     ],
     ids=[
         *("a read", "a write", "a write of the same", "a refusal", "a segment"),
-        *("the end of a read of the same", "one that took too long"),
+        *("a toggle error of the same", "a time-out of the same"),
     ],
 )
 def test_answers_to_others_are_not_taken(foreign: str) -> None:

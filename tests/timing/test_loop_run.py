@@ -67,7 +67,7 @@ def flooding(send: Callable[[], object], pause: float = 0.0) -> Iterator[None]:
 
 @pytest.fixture
 def send_no_message(multicast: dict[str, Any]) -> Iterator[Callable[[], object]]:
-    """Send something else to the group of the bus."""
+    """Send bytes that are no CAN message to the group of the bus."""
     group = (multicast["channel"], multicast["port"])
     with socket.socket(type=socket.SOCK_DGRAM) as foreign:
         yield lambda: foreign.sendto(b"no message" * 10, group)

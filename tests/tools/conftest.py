@@ -14,7 +14,7 @@ TOOLS = Path(__file__).parents[2] / "tools"
 
 @pytest.fixture
 def load(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], ModuleType]:
-    """Return what loads a tool, or a module beside the tools, anew by the name of its file."""
+    """Return a function that imports a file of ``tools/`` afresh."""
 
     def loaded(name: str) -> ModuleType:
         monkeypatch.syspath_prepend(TOOLS)

@@ -1,6 +1,7 @@
 """The screen, headless, against a simulated node on a bus of its own.
 
-Keys are posted without ``Pilot.press``, which waits until this process rests: the node does not.
+Keys are posted without ``Pilot.press``: it waits until the process is idle, and the node in a
+thread never lets it be.
 """
 
 import asyncio
