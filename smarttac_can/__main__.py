@@ -1,6 +1,7 @@
 """Run the command ``smarttac``, also as ``python -m smarttac_can``."""
 
 import errno
+import os
 import sys
 
 
@@ -15,7 +16,9 @@ def run() -> None:
     except OSError as error:
         if error.errno != errno.ENOSPC or error.filename is not None:
             raise
-        sys.exit(f"Error: stdout: {error.strerror}")  # of --help; commands report their own files
+        # Of --help: commands report their own files. What is left to write has no room either.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(f"Error: stdout: {error.strerror}")
 
 
 if __name__ == "__main__":

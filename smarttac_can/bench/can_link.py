@@ -327,6 +327,10 @@ class CanLink:
         # Before all types are set, and after the first one is reset, no cycle is complete.
         with self._hearing(can_ids), types, network.tapped(can_ids, hear):
             yield
+            if self._threaded:
+                # Frames may wait to be heard; the answer comes after all of them.
+                with suppress(BenchError):
+                    self.read("Statusword")
 
     def raw(self, path: Path) -> AbstractContextManager[str]:
         """Log all frames on the bus, also those of this bench, in a format of python-can."""

@@ -6,6 +6,7 @@ import struct
 import subprocess
 import sys
 import threading
+import time
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -310,6 +311,28 @@ def test_in_real_time_beside_scripts_that_run(virtual: dict[str, Any], tmp_path:
     named = {t for gap in gaps for t in range(gap["first_tick"], gap["last_tick"] + 1)}
     assert named == every - set(ticks.tolist())
     assert voltages == [20, 10]
+
+
+def test_what_waits_to_be_heard_at_the_end_is_recorded(
+    virtual: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    heard = FrameLog.frame
+
+    def slowly(log: FrameLog, can_id: int, data: bytes) -> None:
+        time.sleep(0.02)
+        heard(log, can_id, data)
+
+    monkeypatch.setattr(FrameLog, "frame", slowly)
+    with (
+        in_threads(virtual, stimulator_with_plate()),
+        Stimulator.connect(**virtual, lockstep=True) as driver,
+        Stimulator.connect(**virtual, lockstep=True) as reader,
+        reader.record(tmp_path / "run.h5"),
+    ):
+        for volts in range(1, 11):
+            driver.voltage = volts
+    with h5py.File(tmp_path / "run.h5") as file:
+        assert [row["value"] for row in file["set_points"][:]] == [*range(1, 11)]
 
 
 def test_a_node_that_is_reset_is_recorded_on(virtual: dict[str, Any], tmp_path: Path) -> None:

@@ -77,11 +77,13 @@ def test_storage_that_can_be_written_needs_no_word_and_leaves_none(tmp_path: Pat
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("unbuffered", ["", "1"])
 @pytest.mark.parametrize("arguments", [["--help"], ["status", "--help"]])
-def test_help_that_finds_no_room_is_one_line(arguments: list[str]) -> None:
+def test_help_that_finds_no_room_is_one_line(arguments: list[str], unbuffered: str) -> None:
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
             [sys.executable, "-m", "smarttac_can", *arguments],
+            env=os.environ | {"PYTHONUNBUFFERED": unbuffered},
             stdout=full,
             stderr=subprocess.PIPE,
             text=True,
