@@ -90,7 +90,10 @@ def test_a_node_that_nobody_has_started(virtual: dict[str, Any], node: Stimulato
     assert node.device.nmt_state.name == "PRE_OPERATIONAL"
 
 
-def test_a_boot_up_is_no_state(virtual: dict[str, Any], node: StimulatorNode) -> None:
+def test_a_boot_up_is_no_state(
+    virtual: dict[str, Any], node: StimulatorNode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("smarttac_can.cli.bench._HEARTBEATS_WAITED", GUARD_S)
     booted = can.Message(arbitration_id=0x720, data=[0], is_extended_id=False)
     with can.Bus(**virtual) as bus:
         bus.send_periodic(booted, 0.05, duration=0.5)
