@@ -78,6 +78,13 @@ def break_a_gauge(bench: Stimulator) -> None:
             bench.run(0.1)
 
 
+@pytest.fixture
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Wait for a heartbeat however busy the machine is."""
+    monkeypatch.setattr("smarttac_can.cli.bench._HEARTBEATS_WAITED", GUARD_S)
+
+
+@pytest.mark.usefixtures("patient")
 def test_a_node_that_nobody_has_started(virtual: dict[str, Any], node: StimulatorNode) -> None:
     """It is not started by the question."""
     said = lines(smarttac(virtual, "status"))
@@ -90,10 +97,8 @@ def test_a_node_that_nobody_has_started(virtual: dict[str, Any], node: Stimulato
     assert node.device.nmt_state.name == "PRE_OPERATIONAL"
 
 
-def test_a_boot_up_is_no_state(
-    virtual: dict[str, Any], node: StimulatorNode, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("smarttac_can.cli.bench._HEARTBEATS_WAITED", GUARD_S)
+@pytest.mark.usefixtures("patient")
+def test_a_boot_up_is_no_state(virtual: dict[str, Any], node: StimulatorNode) -> None:
     booted = can.Message(arbitration_id=0x720, data=[0], is_extended_id=False)
     with can.Bus(**virtual) as bus:
         bus.send_periodic(booted, 0.05, duration=0.5)
@@ -187,6 +192,7 @@ def test_a_reset_that_is_not_needed_disturbs_nobody(
     assert driven.state is State.RUNNING
 
 
+@pytest.mark.usefixtures("patient")
 def test_the_plate_node_is_found(virtual: dict[str, Any]) -> None:
     with in_threads(virtual, *both(lockstep=False), lockstep=False):
         said = lines(smarttac(virtual, "status"))
