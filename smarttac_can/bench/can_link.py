@@ -328,7 +328,8 @@ class CanLink:
         with self._hearing(can_ids), types, network.tapped(can_ids, hear):
             yield
             if self._threaded:
-                # Frames may wait to be heard; the answer comes after all of them.
+                # Frames may wait to be heard; the answer comes after all of them. Of a stimulator
+                # that has gone there is none, and what was heard is kept.
                 with suppress(BenchError):
                     self.read("Statusword")
 

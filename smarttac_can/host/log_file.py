@@ -27,8 +27,8 @@ _TEXT: Final[dict[str, Any]] = {
     ".csv": can.CSVReader,
     ".trc": can.TRCReader,
 }
-_BINARY: Final[dict[str, Any]] = {".blf": can.BLFReader}
-LOG_SUFFIXES: Final = (*_TEXT, *_BINARY)
+_BLF: Final = ".blf"
+LOG_SUFFIXES: Final = (*_TEXT, _BLF)
 """Suffixes of the logs that can be read."""
 
 OnCut = Callable[[str], object]
@@ -93,8 +93,8 @@ def read_log(path: Path, on_cut: OnCut | None = None) -> Iterator[tuple[int, Fra
     suffix = path.suffix.lower()
     if suffix in _TEXT:
         return _read_text(path, suffix, on_cut)
-    if suffix in _BINARY:
-        return _read_binary(path, _BINARY[suffix], on_cut)
+    if suffix == _BLF:
+        return _read_blf(path, on_cut)
     raise ValueError(f"{path} is none of {', '.join(LOG_SUFFIXES)}")
 
 
@@ -108,19 +108,18 @@ def _read_text(path: Path, suffix: str, on_cut: OnCut | None) -> Iterator[tuple[
         yield from _read(lines, _TEXT[suffix], lambda: lines.refusal(_kind(suffix)))
 
 
-def _read_binary(path: Path, reader: Any, on_cut: OnCut | None) -> Iterator[tuple[int, Frame]]:
-    kind = _kind(path.suffix.lower())
+def _read_blf(path: Path, on_cut: OnCut | None) -> Iterator[tuple[int, Frame]]:
     with open_regular(path) as file:
         stated = size = os.fstat(file.fileno()).st_size
 
-        def opened(stream: Any) -> Any:
+        def reader(stream: Any) -> can.BLFReader:
             nonlocal stated
-            log = reader(stream)
+            log = can.BLFReader(stream)
             stated = log.file_size
             return log
 
         try:
-            yield from _read(file, opened, lambda: f"{path} is no {kind} log, or damaged")
+            yield from _read(file, reader, lambda: f"{path} is no BLF log, or damaged")
         except ValueError:
             if stated <= size:
                 raise

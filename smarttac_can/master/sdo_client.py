@@ -116,8 +116,10 @@ class SharedSdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]  # python-ca
             return
         # A server has one transfer: it drops this one when another client begins.
         self._dropped |= self._answered and response[0] >> 5 in _INITIATED
-        if self._initiating and response[0] == ABORT and _abort_code(response) in _UNDER_WAY:
-            return  # it ends the transfer of another client that reads the same entry
+        if self._initiating and response[0] == ABORT:
+            code = int.from_bytes(response[4:], "little")
+            if code in _UNDER_WAY:
+                return  # it ends the transfer of another client that reads the same entry
         if answers(Frame(can_id, response), Frame(self.rx_cobid, self._request)):
             self._answered = True
             super().on_response(can_id, data, timestamp)
@@ -129,7 +131,3 @@ class SharedSdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]  # python-ca
     def _require_transfer(self) -> None:
         if self._dropped and not self._initiating:
             raise SdoCommunicationError("another client has begun a transfer")
-
-
-def _abort_code(response: bytes) -> int:
-    return int.from_bytes(response[4:], "little")

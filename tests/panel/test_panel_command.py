@@ -183,7 +183,7 @@ def test_it_drives_a_bus_and_stops(node: StimulatorNode, multicast: dict[str, An
 def test_it_does_not_drive_what_another_bench_drives(
     node: StimulatorNode, multicast: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A panel is a bench for another one: see the test before."""
+    """Other benches take a panel for one of them: see the test before."""
     # A process starts while this one sends the heartbeat of who drives.
     monkeypatch.setattr("smarttac_can.bench.remote_device._LOST_MS", 5000)
     with Stimulator.connect(**multicast) as bench:

@@ -27,3 +27,15 @@ def load(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], ModuleType]:
         return module
 
     return loaded
+
+
+@pytest.fixture
+def call(monkeypatch: pytest.MonkeyPatch) -> Callable[..., int]:
+    """Return a function that calls a loaded tool with arguments, and returns its exit code."""
+
+    def called(tool: ModuleType, *arguments: str) -> int:
+        monkeypatch.setattr(sys, "argv", [tool.__name__, *arguments])
+        code: int = tool.main()
+        return code
+
+    return called

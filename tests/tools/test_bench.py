@@ -1,7 +1,6 @@
 """``tools/bench`` times a loop that drives, alone or in two trees, and says so when it does not."""
 
 import json
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,9 +20,9 @@ def tool(load: Callable[[str], ModuleType]) -> ModuleType:
 
 
 def test_a_cycle_costs_time_over_every_link(
-    tool: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tool: ModuleType, capsys: pytest.CaptureFixture[str], call: Callable[..., int]
 ) -> None:
-    call(tool, monkeypatch, "--ticks", "20", "--pairs", "2", "--json")
+    call(tool, "--ticks", "20", "--pairs", "2", "--json")
     rows = json.loads(capsys.readouterr().out).values()
     assert len(rows) == 2
     for row in rows:
@@ -75,15 +74,10 @@ def test_friction_that_is_not_regulated(
         tool.require_friction(said, cof)
 
 
-def call(tool: ModuleType, monkeypatch: pytest.MonkeyPatch, *arguments: str) -> None:
-    monkeypatch.setattr(sys, "argv", ["bench", *arguments])
-    tool.main()
-
-
 def test_a_tree_against_itself(
-    tool: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tool: ModuleType, capsys: pytest.CaptureFixture[str], call: Callable[..., int]
 ) -> None:
-    call(tool, monkeypatch, "--against", str(ROOT), "--ticks", "20", "--pairs", "1", "--json")
+    call(tool, "--against", str(ROOT), "--ticks", "20", "--pairs", "1", "--json")
     results = json.loads(capsys.readouterr().out)
     assert len(results) == 2
     assert len({row["trace_sha256"] for row in results.values()}) == 1, "one trace on both links"
@@ -139,9 +133,9 @@ def test_wrong_arguments(
     error: str,
     tool: ModuleType,
     tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
+    call: Callable[..., int],
 ) -> None:
     with pytest.raises(SystemExit, match=r"^2$"):
-        call(tool, monkeypatch, *(each.format(empty=tmp_path) for each in arguments))
+        call(tool, *(each.format(empty=tmp_path) for each in arguments))
     assert error in capsys.readouterr().err

@@ -145,12 +145,11 @@ def test_wrong_arguments(
     error: str,
     tool: ModuleType,
     tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
+    call: Callable[..., int],
 ) -> None:
-    monkeypatch.setattr("sys.argv", ["bench", *(each.format(empty=tmp_path) for each in arguments)])
     with pytest.raises(SystemExit, match=r"^2$"):
-        tool.main()
+        call(tool, *(each.format(empty=tmp_path) for each in arguments))
     assert error in capsys.readouterr().err
 
 

@@ -28,39 +28,31 @@ def tool(
     return tool
 
 
-def call(tool: ModuleType, monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
-    monkeypatch.setattr(sys, "argv", ["nightly", *arguments])
-    code: int = tool.main()
-    return code
-
-
 GOOD = "| good | a script | `good` | passed | all / well | 0 min |  |"
 BAD = "| bad | a script | `bad` | **failed** with 1 | no way | 0 min |  |"
 
 
 def test_a_failure_is_on_the_page_and_in_the_exit_code(
-    tool: ModuleType, monkeypatch: pytest.MonkeyPatch
+    tool: ModuleType, call: Callable[..., int]
 ) -> None:
-    assert call(tool, monkeypatch) == 1
+    assert call(tool) == 1
     assert tool.PAGE.read_text().splitlines()[2:] == [GOOD, BAD]
 
 
-def test_a_row_that_is_not_asked_for_stays(
-    tool: ModuleType, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert call(tool, monkeypatch, "good") == 0
+def test_a_row_that_is_not_asked_for_stays(tool: ModuleType, call: Callable[..., int]) -> None:
+    assert call(tool, "good") == 0
     written = tool.PAGE.read_text()
     assert written.startswith("By hand.\n")
     assert written.splitlines()[2:] == [GOOD, "| bad | a script | `bad` | not run |  |  |  |"]
-    assert call(tool, monkeypatch, "bad") == 1
+    assert call(tool, "bad") == 1
     assert tool.PAGE.read_text().splitlines()[2:] == [GOOD, BAD]
 
 
 def test_a_run_that_the_page_does_not_list(
-    tool: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tool: ModuleType, capsys: pytest.CaptureFixture[str], call: Callable[..., int]
 ) -> None:
     with pytest.raises(SystemExit, match=r"^2$"):
-        call(tool, monkeypatch, "good", "worse")
+        call(tool, "good", "worse")
     assert "nightly.md has no run worse" in capsys.readouterr().err
 
 
