@@ -3,7 +3,7 @@
 from read_once import read_once
 from rich_eds import RICH
 
-from smarttac_can.conformance.case import DeviceDescription
+from smarttac_can.conformance.case import Case, DeviceDescription
 from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.run import CASES, DeviceTimeBus, run_cases
 from smarttac_can.device.device import Device
@@ -19,16 +19,21 @@ TIMEOUT_S = 0.15
 """Above any period that a case sets, 120 ms; a device in its own time answers at once."""
 
 
-def judge(node: Node, text: str) -> dict[str, tuple[str, str]]:
+def judge(node: Node, text: str, cases: tuple[Case, ...] = CASES) -> dict[str, tuple[str, str]]:
     """Verdict and reason of each case that does not pass."""
     bus = DeviceTimeBus(node)
     sheet = DeviceDescription(text, NODE_ID)
-    results = run_cases(Examiner(bus, sheet, timeout=TIMEOUT_S, clock=bus.time), CASES)
+    results = run_cases(Examiner(bus, sheet, timeout=TIMEOUT_S, clock=bus.time), cases)
     return {r.case.number: (r.verdict, r.reason) for r in results if r.verdict != "pass"}
 
 
 def test_device_of_a_rich_eds() -> None:
     assert judge(DeviceNode(Device(read_once(RICH, NODE_ID))), RICH) == {}
+
+
+def test_each_case_passes_by_itself() -> None:
+    for case in CASES:
+        assert judge(DeviceNode(Device(read_once(RICH, NODE_ID))), RICH, (case,)) == {}
 
 
 def test_plate_node() -> None:
