@@ -18,6 +18,7 @@ from read_once import read_once
 
 from smarttac_can.bench import simulation
 
+pytest.register_assert_rewrite("every_bus")
 # How long an example takes is up to the machine and to what else it does.
 settings.register_profile(
     "any pace", settings(), deadline=None, suppress_health_check=[HealthCheck.too_slow]

@@ -1,178 +1,22 @@
-"""What holds on every bus, whatever it is made of."""
+"""What holds on every bus, on the ones that need no kernel's CAN."""
+
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
-from back_to_back import CASES, Client, make_node, make_node_without_id, node_id_and_sdo
-from conftest import Line, LocalLine
-from nodes_on_a_bus import until
-from toy_node import (
-    AT_SYNC,
-    BOOT_UP,
-    OFF,
-    REPLY,
-    REQUEST,
-    SEGMENT,
-    SYNC,
-    TICKER,
-    TICKER_US,
-    StreamingNode,
-    ToyNode,
-)
+from every_bus import *  # noqa: F403
+from lines import Line, LocalLine, PythonCanLine
 
-from smarttac_can.device.frame import Frame
+from smarttac_can.host.python_can import PythonCanBus
 
 
-def receive_only(line: Line, can_id: int, count: int) -> list[Frame]:
-    """The next frames with an identifier, past whatever else is on the bus."""
-    found: list[Frame] = []
-    while len(found) < count:
-        frame = line.receive()
-        if frame.can_id == can_id:
-            found.append(frame)
-    return found
-
-
-def times(frames: list[Frame]) -> list[int]:
-    return [int.from_bytes(frame.data, "little") for frame in frames]
-
-
-def test_boot_up_is_the_first_frame(line: Line) -> None:
-    line.run(ToyNode(), lockstep=True)
-    assert line.receive() == Frame(BOOT_UP + 1, b"\0")
-
-
-def test_frames_of_every_length_come_back_unchanged(line: Line) -> None:
-    line.run(ToyNode(), lockstep=True)
-    line.receive()
-    for length in range(9):
-        line.send(Frame(REQUEST + 1, bytes(range(0xF0, 0xF0 + length))))
-        assert line.receive() == Frame(REPLY + 1, bytes(range(0xF0, 0xF0 + length)))
-
-
-def test_all_segments_follow_the_answer(line: Line) -> None:
-    line.run(StreamingNode(), lockstep=True)
-    line.receive()
-    line.send(Frame(REQUEST + 1, b"\x7f"))
-    assert line.receive() == Frame(REPLY + 1, b"\x7f")
-    assert [line.receive() for _ in range(127)] == [
-        Frame(SEGMENT + 1, bytes((k,))) for k in range(127)
-    ]
-
-
-def test_a_burst_is_answered_in_order_and_once(line: Line) -> None:
-    line.run(ToyNode(), lockstep=True)
-    line.receive()
-    for number in range(40):
-        line.send(Frame(REQUEST + 1, bytes([number])))
-    line.send(SYNC)
-    replies = [line.receive() for _ in range(41)]
-    assert replies == [Frame(REPLY + 1, bytes([n])) for n in range(40)] + [
-        Frame(AT_SYNC + 1, (1000).to_bytes(8, "little"))
-    ]
-
-
-def test_lockstep_is_moved_by_sync_and_by_nothing_else(line: Line) -> None:
-    node = ToyNode()
-    line.run(node, lockstep=True)
-    line.receive()
-    seen = []
-    for _ in range(20):
-        line.send(SYNC)
-        seen += receive_only(line, AT_SYNC + 1, 1)
-        line.send(Frame(REQUEST + 1))
-        receive_only(line, REPLY + 1, 1)
-    assert times(seen) == [1000 * k for k in range(1, 21)]
-    assert node.advances == [1000] * 20
-
-
-def test_lockstep_timer_falls_due_before_the_answer_to_sync(line: Line) -> None:
-    line.run(ToyNode(), lockstep=True)
-    line.receive()
-    for _ in range(4):
-        line.send(SYNC)
-        line.receive()
-    line.send(SYNC)
-    assert [line.receive().can_id, line.receive().can_id] == [TICKER + 1, AT_SYNC + 1]
-
-
-def test_real_time_moves_by_the_clock_and_not_by_sync(line: Line) -> None:
-    node = ToyNode()
-    line.run(node, lockstep=False)
-    first = times(receive_only(line, TICKER + 1, 3))
-    for _ in range(50):
-        line.send(SYNC)
-    at_sync = times(receive_only(line, AT_SYNC + 1, 50))
-    line.stop()
-    assert [t // TICKER_US for t in first] == sorted({t // TICKER_US for t in first})
-    assert at_sync == sorted(at_sync)
-    if isinstance(line, LocalLine):
-        assert node.time == sum(node.advances) == 1000 * len(node.advances)
-    else:
-        assert set(node.advances) == {0}, "what is due is asked for at the clock's time"
-
-
-def test_remote_frame_stays_one(line: Line) -> None:
-    node = ToyNode()
-    line.run(node, lockstep=True)
-    line.receive()
-    line.send(Frame(AT_SYNC + 1, rtr=True))
-    assert line.receive() == Frame(AT_SYNC + 1, bytes(8))
-    assert node.heard == [Frame(AT_SYNC + 1, rtr=True)]
-
-
-def test_nodes_hear_each_other_once_and_nobody_hears_himself(line: Line) -> None:
-    first = ToyNode(1)
-    second = ToyNode(2, follows=REPLY + 1)
-    line.run(first, lockstep=True)
-    line.receive()
-    line.run(second, lockstep=True)
-    line.receive()
-    # python-can's virtual bus hands a frame to one party after the other.
-    until(lambda: len(first.heard) == 1)
-    for number in range(10):
-        line.send(Frame(REQUEST + 1, bytes([number])))
-        assert [line.receive(), line.receive()] == [
-            Frame(REPLY + 1, bytes([number])),
-            Frame(REPLY + 2, bytes([number])),
-        ]
-    until(lambda: len(first.heard) == 21 and len(second.heard) == 20)
-    line.stop()
-    requests = [Frame(REQUEST + 1, bytes([number])) for number in range(10)]
-    assert [f for f in first.heard if f.can_id != OFF + 2] == [
-        Frame(BOOT_UP + 2, b"\0"),
-        *(f for n, r in enumerate(requests) for f in (r, Frame(REPLY + 2, bytes([n])))),
-    ]
-    assert [f for f in second.heard if f.can_id != OFF + 1] == [
-        f for n, r in enumerate(requests) for f in (r, Frame(REPLY + 1, bytes([n])))
-    ]
-
-
-def test_equal_frames_of_two_parties_are_not_taken_for_an_echo(line: Line) -> None:
-    line.run(ToyNode(1), lockstep=True)
-    line.receive()
-    line.send(Frame(REPLY + 1, b"same"))
-    line.send(Frame(REQUEST + 1, b"same"))
-    assert line.receive() == Frame(REPLY + 1, b"same")
-
-
-def test_stop_leaves_the_plate_at_zero(line: Line) -> None:
-    line.run(ToyNode(), lockstep=True)
-    line.receive()
-    line.stop()
-    assert line.receive() == Frame(OFF + 1, bytes(2))
-
-
-@pytest.mark.parametrize("lockstep", [False, True])
-@pytest.mark.parametrize("case", CASES)
-def test_what_follows_a_command_at_once_is_not_lost(line: Line, case: str, lockstep: bool) -> None:
-    node = make_node()
-    line.run(node, lockstep=lockstep)
-    line.receive()
-    CASES[case](Client(line.send, line.receive), node)
-
-
-@pytest.mark.parametrize("lockstep", [False, True])
-def test_what_follows_the_first_node_id_at_once_is_not_lost(line: Line, lockstep: bool) -> None:
-    node = make_node_without_id()
-    line.run(node, lockstep=lockstep)
-    until(lambda: node.ids.heard != frozenset())
-    node_id_and_sdo(Client(line.send, line.receive))
+@pytest.fixture(params=["local", "virtual", "udp_multicast"])
+def line(request: pytest.FixtureRequest, multicast: dict[str, Any]) -> Iterator[Line]:
+    lines: dict[str, Callable[[], Line]] = {
+        "local": LocalLine,
+        "virtual": lambda: PythonCanLine(lambda: PythonCanBus("virtual", "toy")),
+        "udp_multicast": lambda: PythonCanLine(lambda: PythonCanBus(**multicast)),
+    }
+    opened = lines[request.param]()
+    yield opened
+    opened.close()

@@ -94,7 +94,7 @@ def begun(script: str, *arguments: str) -> subprocess.Popen[str]:
     here = Path(toy_node.__file__).parent
     return subprocess.Popen(
         [sys.executable, "-c", dedent(script), *arguments],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(here.parents[1]), str(here)])},
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(here.parent), str(here)])},
         stdout=subprocess.PIPE,
         text=True,
     )

@@ -1,0 +1,17 @@
+"""What holds on every bus, on SocketCAN."""
+
+from collections.abc import Iterator
+
+import pytest
+from every_bus import *  # noqa: F403
+from lines import Line, PythonCanLine
+from processes import CHANNEL
+
+from smarttac_can.host.python_can import PythonCanBus
+
+
+@pytest.fixture
+def line() -> Iterator[Line]:
+    opened = PythonCanLine(lambda: PythonCanBus("socketcan", CHANNEL))
+    yield opened
+    opened.close()
