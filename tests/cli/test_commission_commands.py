@@ -14,6 +14,7 @@ import cantools
 import pytest
 from commands import refusal, run, succeed
 from nodes_on_a_bus import in_threads, multicast_options, processes
+from rich_eds import RICH, RICH_EDS
 
 from smarttac_can.commissioning.node_ids import Identity
 from smarttac_can.commissioning.scan import matching_eds
@@ -28,13 +29,12 @@ from smarttac_can.od.eds import load_eds
 
 
 ROOT = Path(__file__).parents[2]
-RICH = ROOT / "tests" / "eds" / "rich.eds"
-PLATE = RICH.parents[2] / "eds" / "plate.eds"
+PLATE = ROOT / "eds" / "plate.eds"
 COMMISSION = ("--node-id", "9", "--bitrate", "500000")
 
 
 def test_a_file_without_fault_says_nothing() -> None:
-    result = run("eds", "check", RICH)
+    result = run("eds", "check", RICH_EDS)
     assert (result.exit_code, result.output) == (0, "")
 
 
@@ -63,8 +63,8 @@ def test_a_file_comes_before_a_node_of_its_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    Path("plate").write_text(RICH.read_text())
-    assert succeed("eds", "show", "plate") == RICH.read_text()
+    Path("plate").write_text(RICH)
+    assert succeed("eds", "show", "plate") == RICH
 
 
 def test_neither_a_file_nor_a_node(tmp_path: Path) -> None:
@@ -75,8 +75,7 @@ def test_neither_a_file_nor_a_node(tmp_path: Path) -> None:
 
 def test_one_line_for_each_finding(tmp_path: Path) -> None:
     path = tmp_path / "rich.eds"
-    text = RICH.read_text()
-    path.write_text(text.replace("NrOfRXPDO=4", "NrOfRXPDO=5"))
+    path.write_text(RICH.replace("NrOfRXPDO=4", "NrOfRXPDO=5"))
     wrong = run("eds", "check", path)
     assert wrong.exit_code == 1
     assert wrong.stdout == f"{path}: [DeviceInfo] NrOfRXPDO=5, but 4 are described\n"
@@ -91,14 +90,14 @@ def test_one_line_for_each_finding(tmp_path: Path) -> None:
             }
         ],
     }
-    path.write_text(text.replace("EDSVersion=4.0\n", ""))
+    path.write_text(RICH.replace("EDSVersion=4.0\n", ""))
     warned = run("eds", "check", path)
     assert warned.exit_code == 0
     assert warned.stdout == f"{path}: [FileInfo] warning: EDSVersion is missing\n"
 
 
 def test_a_file_is_shown_byte_for_byte(tmp_path: Path) -> None:
-    data = RICH.read_bytes().replace(b"Lines=0", b"Lines=0\r\n;5 \xb5m") + b"\n;\xfc"
+    data = RICH_EDS.read_bytes().replace(b"Lines=0", b"Lines=0\r\n;5 \xb5m") + b"\n;\xfc"
     path, copy = tmp_path / "latin-1.eds", tmp_path / "copy.eds"
     path.write_bytes(data)
     assert run("eds", "show", path).stdout_bytes == data
@@ -108,9 +107,9 @@ def test_a_file_is_shown_byte_for_byte(tmp_path: Path) -> None:
 
 def test_doc(tmp_path: Path) -> None:
     path = tmp_path / "rich.md"
-    assert run("eds", "doc", RICH, "--output", path).output == ""
+    assert run("eds", "doc", RICH_EDS, "--output", path).output == ""
     text = path.read_text()
-    assert text == succeed("eds", "doc", RICH)
+    assert text == succeed("eds", "doc", RICH_EDS)
     assert text.startswith("# rich.eds\n")
     row = "| 2100h:1 | Setpoint.Voltage | UNSIGNED16 | rww, PDO | 0..20000 | 0 | 10 mV |"
     assert row in text.splitlines()
@@ -123,7 +122,7 @@ def test_doc_has_a_row_for_neighbours_that_differ_by_name_alone(tmp_path: Path) 
     assert "\n| 2010h:4..5 | Setpoint.COF left, .COF right | UNSIGNED16 |" in doc
     assert "\n| 2008h:1..8 | Fault memory.Fault 1..8 | VISIBLE_STRING |" in doc
     path = tmp_path / "gap.eds"
-    text = (RICH.parents[2] / "eds" / "plate.eds").read_text()
+    text = (RICH_EDS.parents[2] / "eds" / "plate.eds").read_text()
     path.write_text(re.sub(r"\[2050sub3\][^[]*", "", text))
     assert "\n| 2050h:1..2 | Cycle.Ticks, .Lost drives | UNSIGNED32 |" in succeed(
         "eds", "doc", path
@@ -132,42 +131,42 @@ def test_doc_has_a_row_for_neighbours_that_differ_by_name_alone(tmp_path: Path) 
 
 def test_dbc(tmp_path: Path) -> None:
     path = tmp_path / "rich.dbc"
-    assert run("eds", "dbc", RICH, "--node-id", "5", "--output", path).output == ""
+    assert run("eds", "dbc", RICH_EDS, "--node-id", "5", "--output", path).output == ""
     database = cantools.database.load_file(path)
     assert database.get_message_by_name("Conformance_probe_5_TPDO1").frame_id == 0x185
-    assert path.read_text() == succeed("eds", "dbc", RICH, "--node-id", "5")
+    assert path.read_text() == succeed("eds", "dbc", RICH_EDS, "--node-id", "5")
 
 
 def test_dbc_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("smarttac_can.cli.commission.find_spec", lambda name: None)
-    assert "pip install 'smarttac-can[dbc]'" in refusal("eds", "dbc", RICH)
+    assert "pip install 'smarttac-can[dbc]'" in refusal("eds", "dbc", RICH_EDS)
 
 
 def test_dcf(tmp_path: Path) -> None:
     path = tmp_path / "node9.dcf"
     values = ("--set", "Setpoint.Voltage=100", "--set", "1017=500")
-    assert run("eds", "dcf", RICH, *COMMISSION, *values, "--output", path).output == ""
+    assert run("eds", "dcf", RICH_EDS, *COMMISSION, *values, "--output", path).output == ""
     od = load_eds(path.read_text(), 9)
     assert (od["Setpoint.Voltage"].default, od.number(0x1017)) == (100, 500)
     assert "FileName=node9.dcf\n" in path.read_text()
     values = ("--set", "Setpoint.Voltage=80 V")
-    text = succeed("eds", "dcf", RICH, *COMMISSION, *values)
+    text = succeed("eds", "dcf", RICH_EDS, *COMMISSION, *values)
     assert load_eds(text, 9)["Setpoint.Voltage"].default == 8000
-    assert "FileName=rich.dcf\n" in succeed("eds", "dcf", RICH, *COMMISSION)
+    assert "FileName=rich.dcf\n" in succeed("eds", "dcf", RICH_EDS, *COMMISSION)
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("check", RICH, "--device"), "--device needs --node-id"),
+        (("check", RICH_EDS, "--device"), "--device needs --node-id"),
         (("doc", ROOT / "README.md"), "README.md: the file has no objects"),
         (("dbc", ROOT / "README.md"), "README.md: the file has no objects"),
         (
-            ("dcf", RICH, "--node-id", "9", "--bitrate", "9600"),
+            ("dcf", RICH_EDS, "--node-id", "9", "--bitrate", "9600"),
             "rich.eds: bit rate 9600 is none of",
         ),
-        (("dcf", RICH, *COMMISSION, "--set", "1017"), "'1017' is not NAME=VALUE"),
-        (("dcf", RICH, *COMMISSION, "--set", "Mode=99"), "rich.eds: Mode 99 is outside 0..6"),
+        (("dcf", RICH_EDS, *COMMISSION, "--set", "1017"), "'1017' is not NAME=VALUE"),
+        (("dcf", RICH_EDS, *COMMISSION, "--set", "Mode=99"), "rich.eds: Mode 99 is outside 0..6"),
     ],
 )
 def test_bad_input(arguments: tuple[str | Path, ...], message: str) -> None:
@@ -177,7 +176,7 @@ def test_bad_input(arguments: tuple[str | Path, ...], message: str) -> None:
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "latin-1", "utf-8"])
 def test_files_of_any_maker_are_read(encoding: str, tmp_path: Path) -> None:
     path = tmp_path / "rich.eds"
-    path.write_bytes(RICH.read_text().replace("Setpoint", "Größe").encode(encoding))
+    path.write_bytes(RICH.replace("Setpoint", "Größe").encode(encoding))
     assert "Größe.Voltage" in succeed("eds", "doc", path)
 
 
@@ -205,7 +204,7 @@ def rich(
     autostart: bool = False,
     serial: int = 0x2A,
 ) -> DeviceNode:
-    od = load_eds(RICH.read_text(), 5 if node_id == 255 else node_id)
+    od = load_eds(RICH, 5 if node_id == 255 else node_id)
     od.entry(0x1018, 4).value = serial
     return DeviceNode(Device(od, autostart=autostart, storage=storage, node_id=node_id))
 
@@ -213,7 +212,7 @@ def rich(
 def test_scan_tells_state_identity_and_eds() -> None:
     with running("scan", rich(5), rich(9), rich(255)) as bus:
         bare = run("scan", *bus)
-        result = run("scan", *bus, "--eds", RICH, "--json")
+        result = run("scan", *bus, "--eds", RICH_EDS, "--json")
     assert bare.exit_code == result.exit_code == 0, (bare.output, result.output)
     head, *lines = bare.stdout.splitlines()
     assert head.split() == [
@@ -225,7 +224,7 @@ def test_scan_tells_state_identity_and_eds() -> None:
     assert lines[2].split() == ["-", "unconfigured", "-", *RICH_IDENTITY.split(":"), "-"]
     found = json.loads(result.stdout)
     assert [device["node_id"] for device in found] == [5, 9, None]
-    assert {device["eds"] for device in found} == {str(RICH)}
+    assert {device["eds"] for device in found} == {str(RICH_EDS)}
     assert found[0]["identity"] == {
         "vendor": 0x123, "product": 7, "revision": 0x10000, "serial": 42,
     }  # fmt: skip
@@ -291,7 +290,7 @@ def test_a_device_that_is_operational_is_named_as_the_reason_of_lss() -> None:
 
 
 def test_an_eds_of_another_revision_comes_second() -> None:
-    od = load_eds(RICH.read_text(), 1)
+    od = load_eds(RICH, 1)
     identity = Identity(0x123, 7, 0x20000, 1)
     assert matching_eds(identity, [("a", od)]) == "a (revision differs)"
     assert matching_eds(identity._replace(revision=0x10000), [("a", od)]) == "a"
@@ -356,23 +355,24 @@ def test_an_identity_is_four_numbers(identity: str) -> None:
 
 def test_a_device_reads_as_its_eds_says(tmp_path: Path) -> None:
     other = tmp_path / "rich.eds"
-    text = RICH.read_text()
-    assert text.count("DefaultValue=0x00020194") == 1
-    other.write_text(text.replace("DefaultValue=0x00020194", "DefaultValue=0x00020191"))
+    assert RICH.count("DefaultValue=0x00020194") == 1
+    other.write_text(RICH.replace("DefaultValue=0x00020194", "DefaultValue=0x00020191"))
     with running("reads", rich(5)) as bus:
-        succeed("eds", "check", RICH, "--device", "--node-id", "5", *bus)
+        succeed("eds", "check", RICH_EDS, "--device", "--node-id", "5", *bus)
         differs = run("eds", "check", other, "--device", "--node-id", "5", *bus)
-        silent = run("eds", "check", RICH, "--device", "--node-id", "6", *bus, "--timeout", "0.05")
+        silent = run(
+            "eds", "check", RICH_EDS, "--device", "--node-id", "6", *bus, "--timeout", "0.05"
+        )
     assert differs.exit_code == 1
     assert differs.stdout == f"{other}: [1000] the device reads 131476, not 131473\n"
     assert silent.exit_code == 1
-    assert silent.stdout == f"{RICH}: [1000] node 6 does not answer\n"
+    assert silent.stdout == f"{RICH_EDS}: [1000] node 6 does not answer\n"
 
 
 def test_a_dcf_is_loaded_into_its_device(tmp_path: Path) -> None:
     file = tmp_path / "rich-5.dcf"
     values = ("--set", "1017=300", "--set", "1A00sub1=0x22000210", "--output", file)
-    succeed("eds", "dcf", RICH, "--node-id", "5", "--bitrate", "500000", *values)
+    succeed("eds", "dcf", RICH_EDS, "--node-id", "5", "--bitrate", "500000", *values)
     with running("load", rich(5)) as bus:
         before = run("eds", "check", file, "--device", "--node-id", "5", *bus)
         loaded = run("eds", "load", file, *bus)
@@ -389,7 +389,7 @@ def test_a_dcf_is_loaded_into_its_device(tmp_path: Path) -> None:
 def test_what_a_device_refuses_of_a_dcf_is_named(tmp_path: Path) -> None:
     file = tmp_path / "rich-5.dcf"
     values = ("--set", "1017=300", "--set", "1A00sub1=0x77770008", "--output", file)
-    run("eds", "dcf", RICH, "--node-id", "5", "--bitrate", "500000", *values)
+    run("eds", "dcf", RICH_EDS, "--node-id", "5", "--bitrate", "500000", *values)
     with running("refused", rich(5)) as bus:
         loaded = run("eds", "load", file, *bus)
         silent = run("eds", "load", file, "--node-id", "6", "--timeout", "0.05", *bus)
@@ -404,5 +404,5 @@ def test_what_a_device_refuses_of_a_dcf_is_named(tmp_path: Path) -> None:
 
 def test_an_eds_is_no_dcf() -> None:
     bus = ("--interface", "virtual", "--channel", "none")
-    assert "has no node-ID: give --node-id" in refusal("eds", "load", RICH, *bus, code=2)
+    assert "has no node-ID: give --node-id" in refusal("eds", "load", RICH_EDS, *bus, code=2)
     assert "it is an EDS and no DCF" in refusal("eds", "load", PLATE, "--node-id", "5", *bus)

@@ -11,12 +11,11 @@ import can
 import pytest
 from commands import refusal, run, succeed
 from nodes_on_a_bus import GUARD_S, NodeProcess, multicast_options
+from rich_eds import RICH_EDS
 
 from smarttac_can.bench import plate_od, stimulator_od
 from smarttac_can.cli.log import FrameText
 from smarttac_can.device.frame import Frame
-
-RICH = Path(__file__).parents[1] / "eds" / "rich.eds"
 
 
 @pytest.mark.parametrize(
@@ -66,7 +65,7 @@ def test_a_log_is_shown_by_the_eds_of_its_nodes(tmp_path: Path) -> None:
         "(1700000000.000000) can0 705#00\n(1700000000.250000) can0 1A0#010100\n",
         encoding="ascii",
     )
-    assert succeed("log", file, "--eds", f"5={RICH}").splitlines() == [
+    assert succeed("log", file, "--eds", f"5={RICH_EDS}").splitlines() == [
         "    0.000000  705  rich 5 boot-up",
         "    0.250000  1A0  stimulator 32 TPDO 1: Statusword live+ready, Mode display off",
     ]
@@ -113,7 +112,7 @@ def test_a_bus_is_shown_until_ctrl_c(multicast: dict[str, Any]) -> None:
     [
         (("--eds", "200=plate"), "'200=plate' is not NODE=EDS with a node-ID of 1..127"),
         (("--eds", "5=missing.eds"), "'missing.eds' is neither a file nor"),
-        ((str(RICH),), "is none of"),
+        ((str(RICH_EDS),), "is none of"),
     ],
 )
 def test_what_makes_no_sense_is_refused(arguments: tuple[str, ...], message: str) -> None:

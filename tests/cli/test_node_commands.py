@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 from commands import refusal, run, succeed
 from nodes_on_a_bus import NodeProcess, multicast_options
+from rich_eds import RICH_EDS
 
 from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.cli import nodes
@@ -203,10 +204,7 @@ def test_a_node_has_the_id_and_the_recorded_finger_of_its_options(
 # A device that was never given a node-ID, from the command line to its life with one.
 
 
-EDS = Path(__file__).parents[1] / "eds" / "rich.eds"
-
-
-@pytest.mark.parametrize("command", [("node",), ("plate",), ("device", "--eds", str(EDS))])
+@pytest.mark.parametrize("command", [("node",), ("plate",), ("device", "--eds", str(RICH_EDS))])
 def test_unconfigured_and_a_node_id_contradict_each_other(command):
     line = refusal(*command, "--unconfigured", "--node-id", "5", code=2)
     assert "--unconfigured has no --node-id, but 5 is given" in line
@@ -215,7 +213,14 @@ def test_unconfigured_and_a_node_id_contradict_each_other(command):
 def test_lss_gives_the_node_id_and_storage_keeps_it(multicast, tmp_path):
     bus = multicast_options(multicast)
     where = f"udp_multicast:{multicast['channel']}"
-    command = ["device", "--eds", str(EDS), "--unconfigured", "--storage", str(tmp_path / "kept")]
+    command = [
+        "device",
+        "--eds",
+        str(RICH_EDS),
+        "--unconfigured",
+        "--storage",
+        str(tmp_path / "kept"),
+    ]
     first = NodeProcess(*command, *bus)
     try:
         first.wait_for(f"device without node-ID ready on {where}")

@@ -8,6 +8,7 @@ import cantools
 import numpy as np
 import pytest
 from cantools.database.can import Database
+from rich_eds import RICH
 
 from smarttac_can.bench.simulation import stimulator_od
 from smarttac_can.bench.traces import read_csv
@@ -20,8 +21,6 @@ from smarttac_can.paper.reproduce import CANDUMP, TRACES, reproduce
 from smarttac_can.vocabulary.faults import FaultCode
 from smarttac_can.vocabulary.meanings import EMERGENCIES, FIELDS
 from smarttac_can.vocabulary.states import STATE_SHIFT, State, Status
-
-RICH = (Path(__file__).parents[1] / "eds" / "rich.eds").read_text()
 
 
 def load(text: str) -> Database:

@@ -8,13 +8,12 @@ from pathlib import Path
 
 import pytest
 from canopen.objectdictionary.eds import import_eds
+from rich_eds import RICH
 
 from smarttac_can.commissioning.dcf import make_dcf
 from smarttac_can.host.files import read_eds
 from smarttac_can.od.eds import EDSError, load_eds
 from smarttac_can.od.eds_check import check_eds
-
-RICH = (Path(__file__).parents[1] / "eds" / "rich.eds").read_text()
 
 
 def dcf(text: str, node_id: int = 9, bit_rate: int = 500_000, **values: str) -> str:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
+from rich_eds import RICH
 
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
@@ -16,7 +15,6 @@ from smarttac_can.od.cia import Abort, NMTCommand
 from smarttac_can.od.eds import load_eds
 from smarttac_can.trials.rig import LocalMaster
 
-RICH = (Path(__file__).parent.parent / "eds" / "rich.eds").read_text()
 NODE_ID = 0x20
 OD = load_eds(RICH, NODE_ID)
 DEVICE_TYPE, HEARTBEAT = OD.entry(0x1000), OD.entry(0x1017)
