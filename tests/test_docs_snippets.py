@@ -235,7 +235,7 @@ def test_a_master_of_python_canopen_resets_a_fault(
     finally:
         network.disconnect()
     assert capsys.readouterr().out == (
-        "8131h: the heartbeat of a watched node is lost\npresent 0h, latched 2h\n"
+        "8131h: the heartbeat of a supervised node is lost\npresent 0h, latched 2h\n"
     )
 
 

@@ -108,7 +108,7 @@ class Rig:
         law: VibrationLaw,
         dead_time: float,
         *,
-        told: float | None = None,
+        assumed: float | None = None,
         Fn: float = 0.0,
         subject: int = 0,
         seed: int = 1,
@@ -134,9 +134,9 @@ class Rig:
         self.plate = WatchedPlate(
             parameters, SUBJECTS[subject], Press(Fn), seed=seed, dead_time=dead_time
         )
-        told = dead_time if told is None else told
+        assumed = dead_time if assumed is None else assumed
         model = identified(parameters, subject, dead_time, seed) if identify else PlateModel()
-        self.cascade = Cascade(CascadeParameters(vibration_law=law, dead_time=told), model)
+        self.cascade = Cascade(CascadeParameters(vibration_law=law, dead_time=assumed), model)
         self.old = Drive(0.0, WARM)
         self.voltages: list[float] = []
         self.run(70, 0.0, Mode.OFF)
@@ -225,23 +225,23 @@ def wrong_table(drawn: int) -> Iterator[str]:
     return columns("law|dead time|both: ms|both: %|alone: ms|alone: %", rows)
 
 
-def told_table() -> Iterator[str]:
-    """Tell another dead time than the true one."""
+def delay_table() -> Iterator[str]:
+    """Assume another dead time than the true one."""
     rows = []
-    for told, trues in (
+    for assumed, trues in (
         (BUS, (0, 270, 378, 540, 702, 810, 900)),
         (0.0, (100, 200, 540)),
     ):
         for true in trues:
             runs = [
-                steps(law, 1e-6 * true, Mode.AMPLITUDE_RESONANCE, told=told, Fn=Fn)
+                steps(law, 1e-6 * true, Mode.AMPLITUDE_RESONANCE, assumed=assumed, Fn=Fn)
                 for Fn, laws in LOADED.items()
                 for law in laws
             ]
             cells = [cell(*run[:2]).replace("nan", "never") for run in runs]
-            rows.append([f"{1e6 * told:.0f}", f"{true}", *cells])
+            rows.append([f"{1e6 * assumed:.0f}", f"{true}", *cells])
     names = (f"{law.name.lower()}, {Fn:g} N" for Fn, laws in LOADED.items() for law in laws)
-    return columns("told|true|" + "|".join(names), rows)
+    return columns("assumed|true|" + "|".join(names), rows)
 
 
 def softening_table() -> Iterator[str]:
@@ -263,16 +263,16 @@ def softening_table() -> Iterator[str]:
 def plates_table(drawn: int) -> Iterator[str]:
     """Laws against plates that soften, behind a pick-up with a window; 300 corners a cell."""
     rows = []
-    told = BUS + 0.5 * WINDOW
+    assumed = BUS + 0.5 * WINDOW
     for law, (identify, dead_time, window, written) in product(
         VibrationLaw,
         (
             (False, 0.0, 0.0, 0.0),
             (False, BUS, 0.0, BUS),
-            (False, BUS, WINDOW, told),
+            (False, BUS, WINDOW, assumed),
             (False, BUS, WINDOW, BUS),
             (True, BUS, 0.0, BUS),
-            (True, BUS, WINDOW, told),
+            (True, BUS, WINDOW, assumed),
         ),
     ):
         times_us = (f"{1e6 * time:.0f}" for time in (dead_time, window, written))
@@ -284,7 +284,7 @@ def plates_table(drawn: int) -> Iterator[str]:
                 wrong = (*draw.uniform(0.8, 1.2, 2).tolist(), float(draw.uniform(-200, 200)))
                 Fn, subject = float(draw.choice((0.0, 0.5, 1.0))), int(draw.integers(5))
                 rig = Rig(
-                    law, dead_time, told=written, Fn=Fn, subject=subject, seed=seed,
+                    law, dead_time, assumed=written, Fn=Fn, subject=subject, seed=seed,
                     wrong=wrong, softening=softening, window=window, identify=identify,
                 )  # fmt: skip
                 W = rig.run(80, STEP, Mode.AMPLITUDE_RESONANCE)
@@ -300,7 +300,7 @@ def plates_table(drawn: int) -> Iterator[str]:
                 + (f"; {never} never" if never else "")
             )
         rows.append(row)
-    return columns("law|model|dead time|window|told|0 Hz/um|100 Hz/um|150 Hz/um", rows)
+    return columns("law|model|dead time|window|assumed|0 Hz/um|100 Hz/um|150 Hz/um", rows)
 
 
 def pickup_table() -> Iterator[str]:
@@ -310,9 +310,9 @@ def pickup_table() -> Iterator[str]:
         for share, offset in product((0.1, 0.3), (-900.0, -300.0, 300.0, 900.0))
     ]
     for lag in (150e-6, 300e-6):
-        for told in (BUS, BUS + lag):
-            text = f"filter {1e6 * lag:.0f} us, {1e6 * told:.0f} told"
-            pickups.append((text, {"lag": lag, "told": told}))
+        for assumed in (BUS, BUS + lag):
+            text = f"filter {1e6 * lag:.0f} us, {1e6 * assumed:.0f} assumed"
+            pickups.append((text, {"lag": lag, "assumed": assumed}))
     rows = []
     for text, pickup in pickups:
         row = [text]
@@ -413,7 +413,7 @@ def pages(draw: bool, seed: int) -> Pages:
     fastest = -1e3 * model.tau * np.log(1.0 - 0.95e-6 / (model.gain * 150.0))
     fields: dict[str, str | Iterator[str]] = {
         "loads": loads_table(),
-        "told": told_table(),
+        "delay": delay_table(),
         "friction": friction_table(),
         "fastest": f"{fastest:.2f}",
         "dead_time": f"{loop_dead_time(1_000_000):.0f}",

@@ -228,10 +228,10 @@ class _Shown:
         for time, frame in self._before:
             shown = self._follow_sync(time, frame, shown)
             voltage = signs.stage.read(frame)
-            if None not in (voltage, drive) and voltage != drive and not signs.inside:
+            if voltage is not None and drive is not None and voltage != drive and not signs.inside:
                 raise self._claim.differs(
-                    f"the stage shows {voltage} x 10 mV at {time * 1e-6:.6f} s, "
-                    f"the drive before it {drive} x 10 mV"
+                    f"the stage shows {voltage * 0.01:.2f} V at {time * 1e-6:.6f} s, "
+                    f"the drive before it {drive * 0.01:.2f} V"
                 )
             answer = signs.drive.read(frame)
             drive = drive if answer is None else answer

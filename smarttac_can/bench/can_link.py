@@ -16,7 +16,7 @@ import can
 
 from smarttac_can.bench.errors import NotRunningError
 from smarttac_can.bench.link import (
-    HELD,
+    ON_CHANGE,
     RECORDED,
     FrameSource,
     Hear,
@@ -36,7 +36,7 @@ from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import NMTState
 from smarttac_can.host.drivers import opening, unknown_options
-from smarttac_can.host.kernel_filter import hear_only, hold_more
+from smarttac_can.host.kernel_filter import enlarge_buffer, receive_only
 from smarttac_can.master.errors import BenchError, BusLostError
 from smarttac_can.master.requests import asked, download, downloaded, written
 from smarttac_can.od.cia import (
@@ -282,13 +282,13 @@ class CanLink:
                 f"the TPDOs of node {self._stimulator.od.node_id} do not map all of "
                 f"{', '.join(RECORDED)}: restore their default mapping"
             )
-        collected.learn_held(self.read)
+        collected.read_on_change(self.read)
         # In lockstep the nodes send nothing before the first SYNC.
         if not self._time_is_right and (wrong_time := self.wrong_time()):
             raise NotRunningError(wrong_time)
         self._time_is_right = True
         # The bench must receive the SDO frames of another script that resets the types.
-        with self._hearing(self._services), self._every_cycle.held():
+        with self._hearing(self._services), self._every_cycle.enabled():
             collected.rows = rows
             try:
                 if self._lockstep:
@@ -322,8 +322,8 @@ class CanLink:
         commanded = commanded_pdos(self._stimulator.od, self._stimulator.read)
         can_ids = {pdo.can_id for pdo in (*self._pdos, *commanded)} | self._services
         if self._threaded:
-            hold_more(network.bus)
-        types = self._every_cycle.held() if every_cycle else nullcontext()
+            enlarge_buffer(network.bus)
+        types = self._every_cycle.enabled() if every_cycle else nullcontext()
         # Before all types are set, and after the first one is reset, no cycle is complete.
         with self._hearing(can_ids), types, network.tapped(can_ids, hear):
             yield
@@ -431,7 +431,7 @@ class CanLink:
         """Set the filter of the kernel to the frames that are needed here."""
         if self._threaded:
             heartbeat = HEARTBEAT_ID + bench_id(self._stimulator.od.node_id)
-            hear_only(
+            receive_only(
                 self._network.bus, {*self._network.subscribers, heartbeat}.union(*self._heard)
             )
 
@@ -520,10 +520,10 @@ class CycleRows:
         self.wanted = {
             column[0].number
             for column, name in zip(columns, RECORDED, strict=True)
-            if self.whole and column is not None and name not in HELD
+            if self.whole and column is not None and name not in ON_CHANGE
         }
 
-    def learn_held(self, read: Callable[[str], int]) -> None:
+    def read_on_change(self, read: Callable[[str], int]) -> None:
         """Read the objects that are published on a change and were not received yet."""
         for pdo, _ in self._columns:
             if pdo.number not in self.wanted and pdo.received is None:
@@ -618,8 +618,8 @@ class EveryCycle:
         self._others = Event()
 
     @contextmanager
-    def held(self) -> Iterator[None]:
-        """Have the TPDOs sent in every cycle during a block; blocks may be nested.
+    def enabled(self) -> Iterator[None]:
+        """Set the TPDOs to every cycle during a block; blocks may be nested.
 
         If a reset, or a tool that does not ask, changes the types, they are set again at once.
         """

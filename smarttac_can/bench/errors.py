@@ -13,7 +13,7 @@ from smarttac_can.vocabulary.meanings import FAULT_KIND
 
 _SHELL_WORDS: Final = {
     "; .trace holds the recording": "",
-    ": run() first, or have": ": have",
+    ": run() first, or set": ": set",
     "reset_fault()": "run smarttac reset",
     "disarm() first": "first 'mode off' in smarttac watch --drive, or its Esc",
     "then tare()": "then restart the node, which tares",

@@ -35,7 +35,7 @@ from smarttac_can.vocabulary.states import Mode, State, Status, state_in
 RECORDED = tuple(column.object for column in COLUMNS)
 """Objects of the stimulator that a run records, one per column, in the order of a trace."""
 
-HELD = ("Statusword",)
+ON_CHANGE = ("Statusword",)
 """Recorded objects that are published only on a change, and at once."""
 
 PUBLISHED = (
@@ -362,8 +362,8 @@ class Reading:
         for name in PUBLISHED:
             if name not in raw:
                 raise NotRunningError(
-                    f"{name!r} has not been published yet: run() first, or have its TPDO's event "
-                    "timer, 0.1 s by default, send it"
+                    f"{name!r} has not been published yet: run() first, or set the event timer of "
+                    "its TPDO (0.1 s by default)"
                 )
 
         def value(name: str, unit: str) -> float:

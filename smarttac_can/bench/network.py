@@ -20,7 +20,7 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.host.background import Background
 from smarttac_can.host.drivers import opening
 from smarttac_can.host.files import reason
-from smarttac_can.host.kernel_filter import hold_more
+from smarttac_can.host.kernel_filter import enlarge_buffer
 from smarttac_can.host.local_bus import LocalBus
 from smarttac_can.host.python_can import (
     configured,
@@ -39,9 +39,9 @@ ALL: Final = range(CAN_ID_MASK + 1)
 _LOOK_S: Final = 0.02
 _SETTLED_S: Final = 1.0
 _OUT_OF_ORDER: Final = (
-    "this interface does not hear what this process sends: the raw log has it as it was handed "
-    "over, which need not be its place on the bus; receive_own_messages=1 helps where an "
-    "interface has it"
+    "this interface does not echo what this process sends: the raw log has it at the time of "
+    "sending, which may not be its place on the bus; set receive_own_messages=1 if the interface "
+    "has it"
 )
 
 
@@ -336,7 +336,7 @@ def _listening(bus: can.BusABC, file: _File) -> Iterator[None]:
             broken.append(error)
         log_until(inf)
 
-    hold_more(bus)
+    enlarge_buffer(bus)
     with Background("raw log", work, stop):
         yield
     if broken:

@@ -216,8 +216,8 @@ class Recording:
         carried = {n for pdo in source.published if pdo.number in every_cycle for n in pdo.names}
         if TICK not in carried:
             raise BenchError(
-                f"the TPDOs 2 to 4 of node {own.node_id} do not map {TICK}, without which nobody "
-                "can tell what was lost: restore their default mapping"
+                f"the TPDOs 2 to 4 of node {own.node_id} do not map {TICK}, so lost "
+                "cycles cannot be counted: restore their default mapping"
             )
         ods = [own] if source.plate is None else [own, source.plate]
         held = [n for p in source.published if p.number not in every_cycle for n in p.names]

@@ -169,7 +169,7 @@ class RemoteDevice:
         if not self.operational:
             raise NotRunningError(
                 f"node {self.od.node_id} is {state_text(self.state)}: a master, or the "
-                "loss of a driver that it watches, has stopped it; connect again, which starts it"
+                "loss of a node that it supervises, has stopped it; connect again, which starts it"
             )
 
     @property
@@ -247,7 +247,7 @@ class RemoteDevice:
             ) from error
         except OtherClientError as error:
             raise BenchError(
-                f"cannot {action}: another SDO client talks to node {self.od.node_id} all the time"
+                f"cannot {action}: another SDO client keeps node {self.od.node_id} busy; end that"
             ) from error
         except can.CanError as error:
             raise BusLostError(f"cannot {action}: the bus has failed: {error}") from error
@@ -324,7 +324,9 @@ class BenchHeartbeat:
             try:
                 self._send()
             except can.CanError as error:
-                raise BusLostError(f"cannot be watched: the bus has failed: {error}") from error
+                raise BusLostError(
+                    f"cannot send a heartbeat: the bus has failed: {error}"
+                ) from error
         if not self.begun:
             self._thread.start()
 

@@ -15,6 +15,7 @@ from smarttac_can.bench.errors import RunInterruptedError
 from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.traces import Trace
 from smarttac_can.master.errors import BenchError, BusLostError, HeartbeatLostError
+from smarttac_can.vocabulary.model import F0_SLOPE
 from smarttac_can.vocabulary.step_response import STEP_TICKS, step_response
 
 _TIMING_S: Final = 1.0
@@ -27,8 +28,6 @@ _SWEEP_POINTS: Final = 13
 _MOST_V: Final = 40.0
 _SWITCHES: Final = 16
 _HOLD_CYCLES: Final = 32
-_HZ_PER_K: Final = -14.0
-"""Change of the resonance with temperature in Hz/K, from the paper."""
 _COUNTS: Final = ("Foreign ticks", "Corrupt measurements", "Surplus measurements")
 
 LOST_PERCENT: Final = 5.0
@@ -173,7 +172,7 @@ def _sweep(stimulator: Stimulator) -> Iterator[Check]:
     gain = stimulator.get("Model.Gain per volt", "m")
     temperature = stimulator.get("Plate temperature", "degC")
     warmer = temperature - stimulator.get("Model.Temperature", "degC")
-    expected = stimulator.get("Model.Resonance", "Hz") + _HZ_PER_K * warmer
+    expected = stimulator.get("Model.Resonance", "Hz") + F0_SLOPE * warmer
     voltage = min(_SWEEP_UM * 1e-6 / gain, _MOST_V, stimulator.get("Limit.Voltage", "V"))
     frequency = np.linspace(expected - _SWEEP_HZ, expected + _SWEEP_HZ, _SWEEP_POINTS)
     stimulator.voltage = voltage

@@ -41,7 +41,7 @@ from smarttac_can.host.terminal import progress_bar
 from smarttac_can.master.errors import BenchError, RefusedError
 from smarttac_can.od.cia import AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.vocabulary.meanings import AUTO_ZERO, NOT_TARED, UNWATCHED, ZERO
+from smarttac_can.vocabulary.meanings import AUTO_ZERO, NOT_TARED, UNSUPERVISED, ZERO
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.signals import TARE_SAMPLES
 from smarttac_can.vocabulary.states import (
@@ -387,7 +387,7 @@ class Stimulator(NamedObjects):
         """
         self._link.drive()
         if self.state in ARMED:
-            raise BenchError(f"somebody drives the stimulator: {DISARM_FIRST}")
+            raise BenchError(f"the stimulator is in use: {DISARM_FIRST}")
 
     def arm(self) -> None:
         """Arm at 0 V; from then on a fault trips. A loop that has just started is tared first.
@@ -442,6 +442,8 @@ class Stimulator(NamedObjects):
         ------
         FaultError
             If the cause of the fault is still present.
+        BenchError
+            If another bench is the commander.
         """
         self._link.drive()
         if self.state is not State.FAULT:
@@ -469,6 +471,12 @@ class Stimulator(NamedObjects):
             ``Gauge null.Window``: something rests on the plate.
         FaultError
             If a fault is latched, for example by too large a force.
+        NotRunningError
+            If the loop gives no cycles.
+        BusyError
+            If another thread is running the loop.
+        BenchError
+            If another bench is the commander.
         """
         self._link.drive()
         self._link.run(TARE_SAMPLES, [])
@@ -495,8 +503,14 @@ class Stimulator(NamedObjects):
         ------
         FaultError
             If a fault is latched.
+        NotReadyError
+            If a condition for arming is not met.
+        NotRunningError
+            If the loop gives no cycles.
+        BusyError
+            If another thread is running the loop.
         BenchError
-            If the plate could not be identified.
+            If the plate could not be identified, or another bench is the commander.
         """
         self.mode = Mode.IDENTIFY
         for _ in range(_IDENTIFY_LIMIT):
@@ -509,10 +523,10 @@ class Stimulator(NamedObjects):
         self.disarm()
         self._require_no_fault(self.state)
         if found != IdentificationState.DONE:
-            reason = self.message or "no end in sight"
+            reason = self.message or f"no end within {_IDENTIFY_LIMIT * _IDENTIFY_CYCLES} cycles"
             raise BenchError(
                 f"the plate could not be identified ({reason}): lift "
-                "the finger, tare, and see that the limits of the frequency hold the resonance"
+                "the finger, tare, and see that the limits of the frequency include the resonance"
             )
         return PlateModel(
             gain=self.get("Model.Gain per volt", "m"),
@@ -542,7 +556,7 @@ class Stimulator(NamedObjects):
         if present:
             return _with_cure(", ".join(WATCHDOGS[watchdog].text for watchdog in present))
         message = self.message
-        if message.startswith((UNWATCHED, NOT_TARED)):
+        if message.startswith((UNSUPERVISED, NOT_TARED)):
             return message
         return "it has to be tared, and its nodes have to be operational and give cycles"
 
@@ -601,10 +615,13 @@ class Stimulator(NamedObjects):
             If the loop gives no cycles, or most of them were lost.
         HeartbeatLostError
             If the heartbeat of a node is lost.
+        BusLostError
+            If the bus is lost.
         RunInterruptedError
             On Ctrl-C, between two cycles.
 
-        The last three errors disarm; their `trace` holds what was recorded until then.
+        All these errors but the first and BusyError disarm, unless this bench only reads. Their
+        `trace` holds what was recorded until then.
         """
         require_labels(experiment, subject)
         knew_fault = self._knows_fault
@@ -789,6 +806,8 @@ class Stimulator(NamedObjects):
         ------
         BenchError
             If no recording is active.
+        ValueError
+            If the text is empty or too long.
         """
         if self._recording is None:
             raise BenchError("nothing is being recorded: markers go into a recording")

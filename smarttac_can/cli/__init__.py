@@ -58,8 +58,8 @@ FAMILIES: Final = {
         "replay": _Command("recording", "Recompute a log, and compare what was sent."),
         "faults": _Command("trials", "Inject every fault in every mode."),
         "soak": _Command("trials", "Simulate hours of strokes, faults and restarts."),
-        "hostile": _Command("trials", "Let a third node attack a driven pair."),
-        "fmeda": _Command("trials", "Let sensors fail, and see what the plate does."),
+        "hostile": _Command("trials", "Attack stimulator and plate from a third node."),
+        "fmeda": _Command("trials", "Inject failures of sensors, and check the bounds."),
     },
 }
 """The commands in the order of the help."""

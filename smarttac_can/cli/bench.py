@@ -55,7 +55,7 @@ from smarttac_can.commissioning.node_ids import wait_until
 from smarttac_can.device.nmt import UNKNOWN, state_text
 from smarttac_can.host.files import result_file
 from smarttac_can.master.errors import BenchError
-from smarttac_can.nodes.lock import watched_node
+from smarttac_can.nodes.lock import supervised_node
 from smarttac_can.nodes.loop_frames import MEASUREMENT_RPDOS
 from smarttac_can.od.cia import (
     CAN_ID_MASK,
@@ -106,15 +106,15 @@ class _Watch(NamedTuple):
 @timeout_option
 @json_options(bare=True)
 def status(*, at: StimulatorChoice, timeout: float, json_file: Path | None) -> None:
-    """Say how a stimulator is: NMT, state, faults, message, who drives, how near its limits it is.
+    """Show NMT state, faults, message, commander and levels of a stimulator.
 
-    It only asks: nothing is started, and whoever drives goes on. The exit code is 0 also for a
+    It only reads: no node is started, and a running drive goes on. The exit code is 0 also for a
     stimulator in FAULT.
     """
     with reporting(json_file) as write_results:
         with closing_network(at.bus) as network:
-            said = _asked(network, at, timeout)
-        write_results(said, _lines(said))
+            report = _asked(network, at, timeout)
+        write_results(report, _lines(report))
 
 
 @click.command(epilog="\b\nExample:\n  smarttac reset --interface socketcan --channel can0")
@@ -122,9 +122,10 @@ def status(*, at: StimulatorChoice, timeout: float, json_file: Path | None) -> N
 @timeout_option
 @lockstep_option
 def reset(*, at: StimulatorChoice, timeout: float, lockstep: bool) -> None:
-    """Reset the latched fault of a stimulator; 1 if its cause is still there.
+    """Reset the latched fault of a stimulator.
 
     It starts the nodes, and is refused while another bench drives. Without a fault nothing is done.
+    The exit code is 1 if the cause is still there.
     """
     with (
         plain_errors(),
@@ -153,7 +154,7 @@ def _cure_of_silence(at: StimulatorChoice, timeout: float) -> Iterator[None]:
                 for watch in _watches(network, device, at.plate_node or _plate_of(device)):
                     if not watch.heard:
                         error.add_note(
-                            f"node {watch.node_id} is watched but not heard: start it again, or "
+                            f"node {watch.node_id} is supervised and silent: start it again, or "
                             f"write 0 to {HEARTBEAT_CONSUMER:X}h sub-index {watch.entry} of node "
                             f"{at.node_id}, or reset node {at.node_id} (NMT)"
                         )
@@ -214,7 +215,7 @@ def _entered(device: RemoteDevice) -> Iterator[_Watch]:
     for subindex, entry in device.od.objects[HEARTBEAT_CONSUMER].entries.items():
         if subindex:
             value = int(device.read(entry))
-            if node_id := watched_node(value):
+            if node_id := supervised_node(value):
                 is_bench = node_id == bench_id(own)
                 yield _Watch(node_id, subindex, is_bench, (value & 0xFFFF) * 1e-3)
 
@@ -244,7 +245,8 @@ def _state(device: RemoteDevice) -> dict[str, Any]:
 
 def _faults(device: RemoteDevice, name: str) -> list[dict[str, Any]]:
     watchdogs = watchdogs_in(int(device.read(device.od[name])))
-    return [{"code": int(WATCHDOGS[w].code), "text": WATCHDOGS[w].text} for w in watchdogs]
+    rows = [WATCHDOGS[watchdog] for watchdog in watchdogs]
+    return [{"code": int(row.code), "text": row.text, "remedy": row.remedy} for row in rows]
 
 
 def _levels(device: RemoteDevice) -> dict[str, Any]:
@@ -260,50 +262,51 @@ def _levels(device: RemoteDevice) -> dict[str, Any]:
     return levels
 
 
-def _lines(said: dict[str, Any]) -> Iterator[str]:
-    plate = said["plate"]
-    nodes = [f"stimulator {said['node_id']} {_heard(said['nmt'])}"]
+def _lines(report: dict[str, Any]) -> Iterator[str]:
+    plate = report["plate"]
+    nodes = [f"stimulator {report['node_id']} {_heard(report['nmt'])}"]
     if plate is not None:
         nodes.append(f"plate {plate['node_id']} {_heard(plate['nmt'])}")
-    yield _named("nodes", f"{', '.join(nodes)}, on {said['bus']}")
-    flags = f" ({', '.join(said['flags'])})" if said["flags"] else ""
-    yield _named("state", f"{said['state'].replace('_', ' ')}, mode {said['mode']}{flags}")
-    for fault in said["latched"]:
-        gone = "" if fault in said["present"] else "; no longer present: smarttac reset"
-        yield _named("fault", f"{fault['code']:04X}h {fault['text']}{gone}")
-    for fault in said["present"]:
-        if fault not in said["latched"]:
+    yield _named("nodes", f"{', '.join(nodes)}, on {report['bus']}")
+    flags = f" ({', '.join(report['flags'])})" if report["flags"] else ""
+    yield _named("state", f"{report['state'].replace('_', ' ')}, mode {report['mode']}{flags}")
+    for fault in report["latched"]:
+        present = fault in report["present"]
+        next_step = fault["remedy"] if present else "no longer present: smarttac reset"
+        yield _named("fault", f"{fault['code']:04X}h {fault['text']}; {next_step}")
+    for fault in report["present"]:
+        if fault not in report["latched"]:
             yield _named("present", f"{fault['code']:04X}h {fault['text']}, not latched")
-    if said["message"]:
-        yield _named("message", said["message"])
-    yield _named("driven by", _drivers(said))
-    if "live" not in said["flags"]:
-        yield _named("no cycle comes", "what follows is of the last one, or of none")
-    for name, now in said["levels"].items():
+    if report["message"]:
+        yield _named("message", report["message"])
+    yield _named("driven by", _drivers(report))
+    if "live" not in report["flags"]:
+        yield _named("no cycles", "the values below are of the last cycle, if any")
+    for name, now in report["levels"].items():
         share = "" if now["level"] is None else f", {now['level']:.0%}"
         yield _named(name, f"{now['value']:g} of {now['limit']:g} {now['unit']}{share}")
 
 
 def _heard(nmt: str) -> str:
-    return "in a state that no heartbeat tells" if nmt == UNKNOWN else nmt
+    return "in an unknown NMT state (no heartbeat)" if nmt == UNKNOWN else nmt
 
 
 def _named(name: str, text: str) -> str:
     return f"{name:<15}{one_line(text)}"
 
 
-def _drivers(said: dict[str, Any]) -> str:
+def _drivers(report: dict[str, Any]) -> str:
     there = [
         f"{'a bench script' if who['bench'] else 'a master'}, heartbeat of node {who['node_id']}"
-        for who in said["driven_by"]
+        for who in report["driven_by"]
         if who["heard"]
     ]
-    silent = [str(who["node_id"]) for who in said["driven_by"] if not who["heard"]]
+    silent = [str(who["node_id"]) for who in report["driven_by"] if not who["heard"]]
     if not there:
-        drives = said["state"] in ("armed", "running")
-        there = ["somebody whose heartbeat is not watched" if drives else "nobody"]
+        drives = report["state"] in ("armed", "running")
+        there = ["a commander whose heartbeat is not supervised" if drives else "nobody"]
     if silent:
-        there.append(f"node {' and '.join(silent)} watched but not heard")
+        there.append(f"node {' and '.join(silent)} supervised and silent")
     return "; ".join(there)
 
 
@@ -376,8 +379,8 @@ def panel(*, at: StimulatorChoice, drive: bool, host: str, port: int) -> None:
     """Show a stimulator live in a browser: plate, charts, state and faults.
 
     Without --interface it is a simulated bench in this process, and the mouse is the finger. The
-    address that is printed has a token: who has it may drive. One page drives at a time, and 0.8 s
-    after it falls silent the plate is at 0 V.
+    address that is printed has a token: a page with it may drive. One page drives at a time, and
+    0.8 s after it falls silent the plate is at 0 V.
     """
     bus = at.bus
     if bus.interface is None and (drive or bus.options or at.plate_node is not None):
@@ -418,10 +421,11 @@ def panel(*, at: StimulatorChoice, drive: bool, host: str, port: int) -> None:
 @lockstep_option
 @json_options()
 def selftest(*, at: StimulatorChoice, lockstep: bool, json_file: Path | None) -> None:
-    """Judge timing, gauges, pick-up, resonance and delay of a stimulator; 1 if a check fails.
+    """Check timing, gauges, pick-up, resonance and delay of a stimulator.
 
-    Nothing may rest on the plate: it vibrates with 0.5 um at most, and is left at 0 V on every way
-    out, Ctrl-C included. Each check is printed on stderr as it is made.
+    Nothing may rest on the plate: it vibrates with 0.5 um at most. It is at 0 V afterwards, also
+    after an error or Ctrl-C. Each check is printed on stderr as it is made. The exit code is 1 if
+    a check fails.
     """
     with reporting(json_file) as write_results, ExitStack() as stack:
         stimulator = stack.enter_context(at.connect(lockstep=lockstep))
@@ -480,12 +484,12 @@ _LEVEL: Final = Placing(0.0, 0.0, 0.0, 0.0)
     type=FiniteRange(9.7, 9.9),
     default=STANDARD_GRAVITY,
     show_default=True,
-    help="At the place of the weighings in m/s^2.",
+    help="Gravity at the place of the weighings in m/s^2.",
 )
 @click.option(
     "--rehearse",
     is_flag=True,
-    help="Have a simulated plate put the weights on by itself; nothing is asked.",
+    help="Use a simulated plate, which puts the weights on by itself; nothing is asked.",
 )
 @lockstep_option
 @click.option("--write", is_flag=True, help="Set the calibration in the stimulator, and tare.")
@@ -502,8 +506,8 @@ def calibrate(
     """Calibrate the tribometer by the weights of PLAN, asking for one after the other.
 
     PLAN is CSV with mass_g,angle_deg,azimuth_deg,x_mm: a weight, the tilt of the plate, the
-    direction in which it falls (0 along x, 90 along y), and where the weight is. A fit that leaves
-    too much ends with 1, and changes nothing in the stimulator; the certificate says what.
+    direction in which it falls (0 along x, 90 along y), and where the weight is. If the fit leaves
+    too much, the exit code is 1, and the stimulator stays as it is; the certificate has the reason.
     """
     _refuse_the_plan(certificate, plan)
     with plain_errors(), ExitStack() as stack:
@@ -580,7 +584,7 @@ def _refuse_the_plan(certificate: Path, plan: Path) -> None:
         certificate.resolve().with_name(f"{certificate.resolve().name}.part"),
     ):
         if path.exists() and path.samefile(plan):
-            raise click.UsageError(f"--certificate {certificate} would take the place of the plan")
+            raise click.UsageError(f"--certificate {certificate} is the plan: name another file")
 
 
 def _ask(what: str) -> None:

@@ -269,7 +269,8 @@ def load(
 ) -> None:
     """Write the values of a DCF to a device, and read them back; a refusal ends with exit code 1.
 
-    PDOs are written by the procedure of CiA 301. Nothing is stored: that is 1010h of the device.
+    PDOs are written by the procedure of CiA 301.
+    Nothing is stored permanently: write 1010h for that.
     """
     with reporting(json_file) as write_results:
         text = read_eds_file(file)
@@ -321,7 +322,9 @@ def doc(file: Path, output: Path | None) -> None:
 
 @eds.command(epilog="Example: smarttac eds dbc stimulator --node-id 32 --output run.dbc")
 @eds_file
-@click.option("--node-id", type=NODE_ID, default=1, show_default=True)
+@click.option(
+    "--node-id", type=NODE_ID, default=1, show_default=True, help="Node-ID that the names are for."
+)
 @_output_option
 @force_option()
 def dbc(file: Path, node_id: int, output: Path | None) -> None:
@@ -365,7 +368,7 @@ def _values(_ctx: click.Context, _param: click.Parameter, given: tuple[str, ...]
     " --set 1017=500 --set 'Limit.Voltage=80 V' --output stimulator-32.dcf"
 )
 @eds_file
-@click.option("--node-id", type=NODE_ID, required=True)
+@click.option("--node-id", type=NODE_ID, required=True, help="Node-ID of the device.")
 @click.option(
     "--bitrate",
     type=click.IntRange(min=1),
@@ -447,9 +450,9 @@ def _chosen(
     "--eds",
     type=EDS_FILE,
     required=True,
-    help="Data sheet of the device.",
+    help="EDS of the device.",
 )
-@click.option("--node-id", type=NODE_ID, required=True)
+@click.option("--node-id", type=NODE_ID, required=True, help="Node-ID of the device.")
 @bus_options
 @click.option(
     "--timeout",
@@ -478,7 +481,7 @@ def conform(
     report: Path | None,
     json_file: Path | None,
 ) -> None:
-    """Judge a CANopen device by its data sheet, and leave with 1 if a case fails.
+    """Test a CANopen device by its EDS; the exit code is 1 if a case fails.
 
     The device should be alone on the bus. It is reset before and after each case, and what is
     writable is written: disconnect what must not move.

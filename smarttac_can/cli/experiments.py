@@ -101,7 +101,8 @@ dead_time_option = click.option(
     metavar="US|auto",
     default="0",
     show_default=True,
-    help=f"Until a drive is in force; auto: frame times at {BIT_RATE // 1000} kbit/s.",
+    help="Time in us until a drive is in force, 0 to 999; auto: frame times at"
+    f" {BIT_RATE // 1000} kbit/s.",
 )
 output_option = click.option(
     "--output",

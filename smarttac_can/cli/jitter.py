@@ -113,13 +113,13 @@ def _draw(timing: LoopTiming, file: Path) -> None:
 
 def _progress(seconds: int) -> Callable[[float, LoopTiming], None]:
     """Return a function that prints the progress every few seconds, on a terminal only."""
-    said = 0.0
+    shown_at = 0.0
 
     def show(elapsed: float, timing: LoopTiming) -> None:
-        nonlocal said
-        if elapsed - said < _PROGRESS_S or not sys.stderr.isatty():
+        nonlocal shown_at
+        if elapsed - shown_at < _PROGRESS_S or not sys.stderr.isatty():
             return
-        said = elapsed
+        shown_at = elapsed
         click.echo(
             f"{elapsed:.0f} s of {seconds} s: {timing.ticks} ticks, {timing.missed} missed, "
             f"at most {timing.gap_s * 1e3:.1f} ms between two drives",
@@ -138,7 +138,7 @@ def _table(figures: dict[str, Any], run: LoopRun, plate_node: int | None) -> Ite
         )
     yield f"{figures['missed']} of {figures['ticks']} ticks missed their SYNC or their drive"
     if figures["lost"]:
-        yield f"{figures['lost']} more were not heard by this command, and do not count"
+        yield f"{figures['lost']} more were not received by this command, and do not count"
     yield f"at most {figures['gap_max_us'] / 1e3:.2f} ms between two drives"
     yield from _promise(figures)
     yield _end(run, plate_node)
@@ -147,7 +147,8 @@ def _table(figures: dict[str, Any], run: LoopRun, plate_node: int | None) -> Ite
 def _promise(figures: dict[str, Any]) -> Iterator[str]:
     stage = figures["stage"]
     if stage is None:
-        yield "this machine can promise no deadline: it is " + DEADLINE_RULE
+        gap = figures["gap_max_us"] / 1e3
+        yield f"this machine can promise no deadline, with {gap:.1f} ms: it is {DEADLINE_RULE}"
         return
     yield f"deadline that this machine can promise: {figures['deadline_ms']} ms"
     yield (

@@ -21,7 +21,6 @@ from smarttac_can.cli.shared import (
     BusChoice,
     Command,
     bus_options,
-    lockstep_option,
     naming,
     one_line,
     own_node_id,
@@ -125,9 +124,13 @@ class StateLines(Observer):
         """Print what has changed."""
         if self._meanwhile is not None:
             self._meanwhile()
-        if self._device.bit_rate != self._bit_rate:
-            self._bit_rate = self._device.bit_rate
-            self._write(f"{self._title} {self._bit_rate} kbit/s by LSS: not switched, only stored")
+        rate = self._device.bit_rate
+        if rate is not None and rate != self._bit_rate:
+            self._bit_rate = rate
+            self._write(
+                f"{self._title} {rate} kbit/s by LSS: the bus here stays as it is, restart with "
+                f"--bitrate {1000 * rate}"
+            )
         if self._device.collision != self._collision:
             self._collision = self._device.collision
             self._write(f"{self._title} {self._double}")
@@ -236,6 +239,13 @@ class Pace(NamedTuple):
             request_short_slices()
             return None
         return SHORT_DEADLINE_MS
+
+
+lockstep_option = click.option(
+    "--lockstep",
+    is_flag=True,
+    help="Use SYNC as the only clock: each SYNC is 1 ms, at any pace.",
+)
 
 
 def pace_options(command: Command) -> Command:
@@ -365,7 +375,7 @@ def node_options(node_id: int) -> Callable[[Command], Command]:
         click.option(
             "--node-id",
             type=NODE_ID,
-            help=f"Wins over a stored one; without, the stored one or else {node_id}.",
+            help=f"Overrides a stored one. Without it, the stored one, else {node_id}.",
         ),
         unconfigured_option,
         pace_options,
@@ -592,8 +602,8 @@ def blaming(eds: Path | None) -> Iterator[None]:
         reason = error.args[0] if isinstance(error, KeyError) else error
         if KeyError in (type(error), type(error.__cause__)):
             reason = f"{reason}, so it is of another version: {_OWN_EDS}"
-        said = one_line(f"{eds} does not suit the device: {reason}")
-        raise click.ClickException(said) from error
+        message = one_line(f"{eds} does not suit the device: {reason}")
+        raise click.ClickException(message) from error
 
 
 _DEFAULT_ID = 1
@@ -607,10 +617,10 @@ _DEFAULT_ID = 1
     "--eds",
     type=EDS_FILE,
     required=True,
-    help="Data sheet or DCF that says what the device has.",
+    help="EDS or DCF of the device.",
 )
 @click.option(
-    "--node-id", type=NODE_ID, help="Wins over a stored one; without, the stored one or else 1."
+    "--node-id", type=NODE_ID, help="Overrides a stored one. Without it, the stored one, else 1."
 )
 @unconfigured_option
 @bus_options
@@ -629,7 +639,7 @@ def device(
 ) -> None:
     """Run a device of any EDS, with its values in memory, until Ctrl-C or SIGTERM.
 
-    It has every service whose objects the EDS has, and nothing behind its other objects: what is
+    It has every service whose objects the EDS has. Its other objects only store values: what is
     written is read back, and TPDOs carry it.
     """
     with plain_errors():

@@ -23,7 +23,6 @@ from smarttac_can.cli.shared import (
     FiniteRange,
     StimulatorChoice,
     json_options,
-    lockstep_option,
     one_line,
     refuse_own_files,
     reporting,
@@ -90,13 +89,13 @@ def record(
 ) -> None:
     """Record every cycle of a stimulator into the HDF5 file FILE, whoever drives it.
 
-    It starts the nodes and only reads: set-points, modes and voltage stay others' business, and
+    It starts the nodes and only reads: it changes no set-point, mode or voltage, and
     Ctrl-C ends the recording, not the drive. If no cycle came, the exit code is 1.
     """
     own = [file.with_name(file.name + suffix) for suffix in ("", ".log", ".part")]
     refuse_own_files(own, (raw, json_file), "the recording")
-    said = zip(METADATA, (subject, operator, notes), strict=True)
-    metadata = {name: text for name, text in said if text is not None}
+    given = zip(METADATA, (subject, operator, notes), strict=True)
+    metadata = {name: text for name, text in given if text is not None}
     with reporting(json_file, ValueError) as write_results:
         require_new(file)
         if log is not None:
@@ -130,16 +129,16 @@ def _recorded(recording: Recording, stopped: Callable[[], bool], seconds: float 
 
 
 def _wait(recording: Recording, stopped: Callable[[], bool], seconds: float | None) -> None:
-    begun = said = monotonic()
+    begun = shown_at = monotonic()
     cycles = recording.cycles
     silent = False
     while not stopped() and (seconds is None or monotonic() < begun + seconds):
         sleep(_LOOK_S)
         recording.check()
         now = monotonic()
-        if now < said + _SILENT_S:
+        if now < shown_at + _SILENT_S:
             continue
-        said, before, cycles = now, cycles, recording.cycles
+        shown_at, before, cycles = now, cycles, recording.cycles
         if sys.stderr.isatty():
             click.echo(f"\r{now - begun:.0f} s, {cycles} cycles", err=True, nl=False)
         if (cycles == before) is not silent:
@@ -172,9 +171,9 @@ def _counted(number: int, what: str) -> str:
 
 _FRAMES: Final = 1000
 """Number of frames that are replayed between two checks of the clock."""
-_SAID_S: Final = 1.0
+_SHOWN_S: Final = 1.0
 _EARLY_S: Final = 1.0
-_TOLD: Final = ("lockstep", "produce_sync", "plate_node", "deadline", "eds", "storage")
+_START_OPTIONS: Final = ("lockstep", "produce_sync", "plate_node", "deadline", "eds", "storage")
 """Parameters that describe how the stimulator was started."""
 
 
@@ -198,8 +197,8 @@ _TOLD: Final = ("lockstep", "produce_sync", "plate_node", "deadline", "eds", "st
     show_default=True,
     help="Node-ID of the plate.",
 )
-@click.option("--produce-sync", is_flag=True, help="The stimulator was told to produce SYNC.")
-@lockstep_option
+@click.option("--produce-sync", is_flag=True, help="The stimulator ran with --produce-sync.")
+@click.option("--lockstep", is_flag=True, help="The stimulator ran with --lockstep.")
 @click.option(
     "--deadline",
     type=click.IntRange(min=1, max=1000),
@@ -227,12 +226,13 @@ def replay(
     storage: Path | None,
     json_file: Path | None,
 ) -> None:
-    """Have the controllers compute again what they sent, and name the first sample that differs.
+    """Recompute the frames of a stimulator from a log, and report the first difference.
 
     LOG is a candump, ASC, BLF, CSV or TRC of stimulator and plate node, such as smarttac record
-    --raw makes; it has to begin before the stimulator is switched on or reset. What the stimulator
-    heard is given to one from the same EDS, at the times of the log, and each frame that it sends
-    is compared: drives, public TPDOs, emergencies, SDO answers. A difference ends with exit code 1.
+    --raw makes; it has to begin before the stimulator is switched on or reset. A new stimulator
+    with the same EDS receives the frames of the others, at the times of the log, and each frame
+    that it sends is compared: drives, public TPDOs, emergencies, SDO answers. At a difference the
+    exit code is 1.
     """
     require_two_nodes(node_id, plate_node)
     if lockstep and produce_sync:
@@ -258,13 +258,15 @@ def replay(
         found = _replay(log, Replay(power_on, node_id, lockstep=lockstep))
         write_results({"log": str(log), **_as_json(found)}, [_line(log, found)])
     if isinstance(found, DifferenceError):
-        raise click.ClickException(one_line(f"{log}: {found}{_perhaps_told(found.so_far)}"))
+        raise click.ClickException(one_line(f"{log}: {found}{_missing_options(found.so_far)}"))
 
 
-def _perhaps_told(done: Replayed) -> str:
+def _missing_options(done: Replayed) -> str:
     """Return a hint to options that may be missing, if a log differs from its start on."""
     given = click.get_current_context().get_parameter_source
-    left = [f"--{o.replace('_', '-')}" for o in _TOLD if given(o) is ParameterSource.DEFAULT]
+    left = [
+        f"--{o.replace('_', '-')}" for o in _START_OPTIONS if given(o) is ParameterSource.DEFAULT
+    ]
     if not left or done.ended_s - done.begun_s > _EARLY_S:
         return ""
     return (
@@ -290,12 +292,12 @@ def _replay(log: Path, run: Replay) -> Replayed | DifferenceError:
 
 def _showing(frames: Iterable[tuple[int, Frame]]) -> Iterator[tuple[int, Frame]]:
     """Yield the frames, and print the progress of the replay on a terminal once a second."""
-    said = monotonic()
+    shown_at = monotonic()
     first: int | None = None
     for number, (time, frame) in enumerate(frames):
         first = time if first is None else first
-        if number % _FRAMES == 0 and sys.stderr.isatty() and monotonic() > said + _SAID_S:
-            said = monotonic()
+        if number % _FRAMES == 0 and sys.stderr.isatty() and monotonic() > shown_at + _SHOWN_S:
+            shown_at = monotonic()
             click.echo(f"\r{(time - first) * 1e-6:.0f} s, {number} frames", err=True, nl=False)
         yield time, frame
 

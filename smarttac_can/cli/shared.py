@@ -154,7 +154,7 @@ timeout_option = click.option(
 lockstep_option = click.option(
     "--lockstep",
     is_flag=True,
-    help="Let SYNC be the only clock: for simulated time at any pace.",
+    help="The nodes run with --lockstep: this command produces SYNC, and waits for each cycle.",
 )
 
 
@@ -479,7 +479,7 @@ def json_options(
     """
     own: dict[str, Any] = {"help": "File for the results; - is stdout."}
     if bare:
-        text = "File for the results; - is stdout, and so is none."
+        text = "File for the results; - or no name is stdout."
         own = {"is_flag": False, "flag_value": "-", "help": text}
     option = click.option("--json", "json_file", type=result_path, **own)
     return with_options(option, force_option(force))

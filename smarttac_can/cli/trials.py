@@ -189,8 +189,8 @@ def _verify(log: Path, rows: Path) -> None:
     """Print how many fields of rows a log confirms; the first wrong one is an error."""
     with plain_errors(ValueError, RecursionError):
         with naming(rows, ValueError, RecursionError):
-            said = _read_rows(rows)
-        found = verify_rows(read_candump(log), said, stimulator_od(), plate_od())
+            stated = _read_rows(rows)
+        found = verify_rows(read_candump(log), stated, stimulator_od(), plate_od())
     click.echo(
         f"rows: {found.rows}, fields as the log shows them: {found.fields}, "
         f"fields it does not show: {found.not_shown}"
@@ -215,7 +215,7 @@ def _read_rows(rows: Path) -> Any:
 @_jobs_option
 @json_options()
 def soak(hours: float, seed: int, jobs: int | None, json_file: Path | None) -> None:
-    """Let everything happen for hours of simulated time, and check every cycle.
+    """Simulate hours of random runs and faults, and check every cycle.
 
     Modes, laws, set-points, fingers, SDO traffic, faults and restarts come at random, in parts of
     an hour at most. The same seed and time give the same run, whatever the number of processes.
@@ -263,7 +263,7 @@ def _soak_summary(report: SoakReport) -> str:
         f"master, {report.transfers} of its transfers at random",
         "runs ended by set-points at random: "
         + (", ".join(f"{n} by {cause}" for cause, n in report.tripped.items()) or "none"),
-        "how near each watch came to a fault, 1.0, while nothing was broken:",
+        "largest level of each watchdog while nothing was broken; 1.0 is a fault:",
         *_margins(report.margins),
         f"fingerprint {report.fingerprint}, {report.violated} violated invariants",
         *report.violations,
@@ -284,7 +284,7 @@ def _margins(margins: Table) -> Iterator[str]:
 @seed_option("Seed of all that happens.")
 @json_options()
 def hostile(actions: int, seed: int, json_file: Path | None) -> None:
-    """Let a third node send anything to a driven pair, and check every cycle.
+    """Attack a driven stimulator and plate from a third node, and check every cycle.
 
     SDO requests, PDOs, SYNC, EMCY, heartbeats, NMT and garbage come at random, while a master arms
     again and resets faults. The same seed and number give the same run.
@@ -373,7 +373,7 @@ def fmeda(
     workers: int | None,
     json_file: Path | None,
 ) -> None:
-    """Let one sensor fail in many ways, modes and set-points, and hold the plate to its bounds.
+    """Inject failures of a sensor in many modes and set-points, and check the bounds of the plate.
 
     Shown are what ended the runs of each failure mode, and the worst true vibration of the plate
     meanwhile. A cell beyond what is promised is a violation.

@@ -58,7 +58,7 @@ class Case:
     rule
         Rule for the device, with the clause of CiA 301 (4.2), 302 or 306.
     needs
-        Requirements on the data sheet for the case to apply.
+        Requirements on the EDS for the case to apply.
     check
         Function that examines the device; it raises `Failure` or `NotApplicable`.
     """

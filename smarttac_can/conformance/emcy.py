@@ -35,7 +35,7 @@ def other_node(examiner: Examiner) -> int:
 
 
 def emcy_id(examiner: Examiner) -> int:
-    """Return the CAN-ID of the device's EMCY in the data sheet."""
+    """Return the CAN-ID of the device's EMCY in the EDS."""
     return examiner.sheet.od.number(EMCY_COB_ID) & CAN_ID_MASK
 
 

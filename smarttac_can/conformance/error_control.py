@@ -331,7 +331,7 @@ def no_life_guarding(examiner: Examiner) -> None:
     examiner.silence(emcy_id(examiner), "EMCY of life guarding", LIFE_TIME_S + examiner.timeout)
 
 
-@case(_both, 5, "7.2.8.3.3: whatever runs, a reset is told by one boot-up first.")
+@case(_both, 5, "7.2.8.3.3: whatever runs, a reset is followed by one boot-up first.")
 def boot_up_with_heartbeat(examiner: Examiner) -> None:
     """Boot-up with error control on."""
     set_period(examiner)

@@ -58,7 +58,7 @@ class Examiner:
     bus
         Bus, on which only the device under test should be.
     sheet
-        Data sheet of the device.
+        EDS of the device.
     timeout
         Longest time in s for an answer of the device, above 0. All other times of the suite are
         multiples of it.
@@ -169,7 +169,7 @@ class Examiner:
             raise Failure(f"unexpected {what}: {_text(arrival.frame)}")
 
     def sync(self, counter: int | None = None) -> None:
-        """Send SYNC; the default counter is 1 if the data sheet has a counter, else none."""
+        """Send SYNC; the default counter is 1 if the EDS has a counter, else none."""
         if counter is None and self.sheet.od.number(SYNC_COUNTER):
             counter = 1
         self.send(self.sync_id, b"" if counter is None else bytes((counter,)))
@@ -202,7 +202,7 @@ class Examiner:
 
     @property
     def sync_id(self) -> int:
-        """CAN-ID of SYNC in the data sheet."""
+        """CAN-ID of SYNC in the EDS."""
         return self.sheet.od.sync_id
 
     @property
@@ -350,7 +350,7 @@ def number(examiner: Examiner, index: int, subindex: int = 0) -> int:
 
 
 def write_number(examiner: Examiner, index: int, subindex: int, value: int) -> None:
-    """Write an unsigned number with the length of the entry in the data sheet."""
+    """Write an unsigned number with the length of the entry in the EDS."""
     size = examiner.sheet.od.entry(index, subindex).size
     download(examiner, index, subindex, value.to_bytes(size, "little"))
 

@@ -64,7 +64,7 @@ _has_restore = needs_object(RESTORE_DEFAULTS, 1)
 )
 def data_sheet(examiner: Examiner) -> None:
     """Data sheet."""
-    # The notation of units in names is a convention of this package, not a rule for data sheets.
+    # The notation of units in names is a convention of this package, not a rule for EDS files.
     faults = [w for w in examiner.sheet.od.warnings if not w.endswith(UNIT_NOT_KNOWN)]
     for index in (DEVICE_TYPE, ERROR_REGISTER, IDENTITY):
         if index not in examiner.sheet.od.objects:
@@ -297,9 +297,9 @@ _TELLING: Final = {1: "vendor-ID", 2: "product code"}
 
 
 def differences(examiner: Examiner) -> list[str]:
-    """Return how vendor-ID and product code differ from the data sheet; empty if they agree.
+    """Return how vendor-ID and product code differ from the EDS; empty if they agree.
 
-    Values that the device does not report, or that the sheet leaves open or at 0, agree.
+    Values that the device does not report, or that the EDS leaves open or at 0, agree.
     """
     od = examiner.sheet.od
     found = []
@@ -308,9 +308,9 @@ def differences(examiner: Examiner) -> list[str]:
         if entry is None or not entry.default:
             continue
         try:
-            said = number(examiner, IDENTITY, subindex)
+            reported = number(examiner, IDENTITY, subindex)
         except (Failure, Abort):
             continue
-        if said != entry.default:
-            found.append(f"{name} is {said:08X}h, not {entry.default:08X}h")
+        if reported != entry.default:
+            found.append(f"{name} is {reported:08X}h, not {entry.default:08X}h")
     return found

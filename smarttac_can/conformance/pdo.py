@@ -85,7 +85,7 @@ def rpdo(examiner: Examiner) -> Pdo:
 
 
 def can_id(examiner: Examiner, pdo: Pdo) -> int:
-    """Return the CAN-ID of a PDO in the data sheet."""
+    """Return the CAN-ID of a PDO in the EDS."""
     return examiner.sheet.od.number(pdo.communication, PDO_COB_ID) & CAN_ID_MASK
 
 

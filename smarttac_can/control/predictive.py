@@ -37,13 +37,13 @@ tick, as the phase of W shows it."""
 SOFTENING_SPREAD: Final = TWO_PI * 60e6
 """Standard uncertainty of the model's softening in rad/(s m)."""
 _KEEP_KAPPA: Final = 0.9999
-"""Fraction of the learned kappa that is left after a tick: 10 s. A finger does not change kappa."""
+"""Factor a tick on what is known of kappa: 10 s. A finger does not change kappa."""
 _KEEP_RATE: Final = 0.95
-"""Fraction of the learned 1/tau left after a tick: 20 ms. Pressing and sliding change it."""
+"""Factor a tick on what is known of 1/tau: 20 ms. Pressing and sliding change it."""
 _KEEP_W0: Final = 0.9999
 _KEEP_SOFTENING: Final = 0.99999
-"""Fraction of the learned softening that is left after a tick: 100 s. It predicts the resonance
-after the next step."""
+"""Factor a tick on what is known of the softening: 100 s. It predicts the resonance after the next
+step."""
 _SHIFT: Final = 200.0
 """Uncertainty of the resonance in rad/s for a change of 1/tau by e, as a finger adds stiffness."""
 _NOISE: Final = 1e-9
@@ -179,7 +179,7 @@ def part_before(plate: PlateNow, w: float, W: complex, forced: float, h: float) 
 
 
 def fade(belief: Belief, load_change: float) -> Belief:
-    """Return the belief a tick later: what was learned fades, and the covariance nears the prior's.
+    """Return the belief a tick later: the estimates stay, the covariance approaches the prior's.
 
     Parameters
     ----------
@@ -208,24 +208,24 @@ def fade(belief: Belief, load_change: float) -> Belief:
     )
 
 
-def missed(
+def drive_lost(
     belief: Belief, model: PlateNow, dead_time: float, W: complex, span: Span, W_next: complex
 ) -> bool:
-    """Return whether W became what the first drive of a span makes of it, instead of the second.
+    """Return whether the second drive of a span was lost, judged by the measured W.
 
-    The second drive then counts as lost. A pick-up that reads almost nothing gives the same result;
-    nothing could be learned from it, and the watchdogs detect it.
+    W is then what the first drive makes of it. A pick-up that reads almost nothing gives the same
+    result; nothing could be learned from it, and the watchdogs detect it.
     """
     size = abs(W_next)
     error = W_next - _predict(belief, model, dead_time, W, span, size)[0]
     if abs(error) < _MISSED_FROM:
         return False
-    left = W_next - _predict(belief, model, dead_time, W, first_lasting(span), size)[0]
+    left = W_next - _predict(belief, model, dead_time, W, with_first_only(span), size)[0]
     left /= error
     return abs(left.real) < _MISSED_SHARE and abs(left.imag) < _MISSED_TURNED
 
 
-def first_lasting(span: Span) -> Span:
+def with_first_only(span: Span) -> Span:
     """Return a span in which the first drive acts all the time, as the second was lost."""
     return Span(span.V_before, span.w_before, span.V_before, span.w_before)
 
@@ -525,8 +525,8 @@ def observed(
             before.voltage, TWO_PI * before.frequency, drive.voltage, TWO_PI * drive.frequency
         )
         faded = fade(belief, (rate - rate_before) / rate_before)
-        if missed(faded, model, prior.dead_time, W_before, span, W):
-            drive, span = before, first_lasting(span)
+        if drive_lost(faded, model, prior.dead_time, W_before, span, W):
+            drive, span = before, with_first_only(span)
         belief = learn(faded, model, prior.dead_time, W_before, span, W)
     plate = believed(model, belief)
     return Learned(belief, plate, W, drive, True, not follows, rate, contact, warmth)

@@ -228,7 +228,7 @@ class Device:
         return self._collision.can_id
 
     @property
-    def watched_in_time(self) -> frozenset[int]:
+    def supervised_in_time(self) -> frozenset[int]:
         """Node-IDs of the supervised nodes whose heartbeat is in time."""
         return self._watches.in_time
 
@@ -276,11 +276,11 @@ class Device:
         """
         return self._port.segments(most)
 
-    def unasked(self) -> dict[int, Frame]:
+    def timer_frames(self) -> dict[int, Frame]:
         """Return the frames that timers would send now, by CAN-ID: heartbeat, and timed TPDOs."""
         frames = [
-            self._heartbeat.unasked(),
-            *[tpdo.unasked() for tpdo in self._pdos.tpdos.values()],
+            self._heartbeat.timer_frame(),
+            *[tpdo.timer_frame() for tpdo in self._pdos.tpdos.values()],
         ]
         return {frame.can_id: frame for frame in frames if frame is not None}
 
@@ -297,7 +297,7 @@ class Device:
         """Return whether an RPDO, numbered from 1, has a deadline and is within it."""
         return self._pdos.rpdos[rpdo].deadline.running
 
-    def silence(self, ahead: int) -> float:
+    def heartbeat_level(self, ahead: int) -> float:
         """Return the largest elapsed fraction of the time-outs of supervised nodes and guarding.
 
         Parameters
@@ -305,11 +305,19 @@ class Device:
         ahead
             Time in us from now for which to compute it.
         """
-        return self.clock.share((*self._watches.timers, self._guarding.timer), ahead)
+        return self.clock.level((*self._watches.timers, self._guarding.timer), ahead)
 
-    def lateness(self, rpdos: tuple[int, ...], ahead: int) -> float:
-        """Return the largest elapsed fraction of the deadlines of some RPDOs, as `silence` does."""
-        return self.clock.share([self._pdos.rpdos[number].deadline for number in rpdos], ahead)
+    def rpdo_level(self, rpdos: tuple[int, ...], ahead: int) -> float:
+        """Return the largest elapsed fraction of the deadlines of some RPDOs.
+
+        Parameters
+        ----------
+        rpdos
+            Numbers from 1.
+        ahead
+            Time in us from now for which to compute it.
+        """
+        return self.clock.level([self._pdos.rpdos[number].deadline for number in rpdos], ahead)
 
     def put(self, entry: Entry, value: Any) -> None:
         """Set a parameter that the application has chosen, without the checks of a write.

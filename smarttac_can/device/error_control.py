@@ -52,7 +52,7 @@ class HeartbeatProducer(Service):
         """Send the boot-up message, a heartbeat with the value 0."""
         self.port.out.append(Frame(HEARTBEAT_ID + self.od.node_id, BOOT_UP))
 
-    def unasked(self) -> Frame | None:
+    def timer_frame(self) -> Frame | None:
         """Return the next heartbeat with the present state; None without a producer time."""
         return self._made() if self._period else None
 

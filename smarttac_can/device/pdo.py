@@ -190,7 +190,7 @@ class RPDO(PDO):
     def _drop(self) -> None:
         self._latch = None
         for code in sorted(self._faults):
-            self._settle(code)
+            self._clear(code)
 
     def listen(self) -> None:
         """Listen to the CAN-ID of the PDO, if it is valid and has content."""
@@ -215,7 +215,7 @@ class RPDO(PDO):
                 self._report(EmergencyCode.PROTOCOL, _where(broken))
                 return
         if self._faults:
-            self._settle(EmergencyCode.PROTOCOL)
+            self._clear(EmergencyCode.PROTOCOL)
         if self.transmission > CYCLIC_LAST:
             self._deliver(data)
         elif self._sync.window_open:
@@ -225,9 +225,9 @@ class RPDO(PDO):
         """Report a wrong length, and clear the length errors that no longer apply."""
         lengths = bytes((length, size))
         if length >= size:
-            self._settle(EmergencyCode.PDO_LENGTH)
+            self._clear(EmergencyCode.PDO_LENGTH)
         if length <= size:
-            self._settle(EmergencyCode.PDO_LENGTH_EXCEEDED)
+            self._clear(EmergencyCode.PDO_LENGTH_EXCEEDED)
         if length < size:
             self._report(EmergencyCode.PDO_LENGTH, lengths)
         elif length > size:
@@ -257,7 +257,7 @@ class RPDO(PDO):
         vendor = self.number.to_bytes(2, "little") + vendor
         self._emergency.report(code, ErrorRegister.COMMUNICATION, vendor, self.number)
 
-    def _settle(self, code: EmergencyCode) -> None:
+    def _clear(self, code: EmergencyCode) -> None:
         self._faults.discard(code)
         self._emergency.clear(code, self.number)
 
@@ -316,7 +316,7 @@ class TPDO(PDO):
         """CAN-ID of the PDO, while it is valid."""
         return (self.can_id,) if self.valid else ()
 
-    def unasked(self) -> Frame | None:
+    def timer_frame(self) -> Frame | None:
         """Return the frame that the event timer would send now; None without one."""
         timed = self._sends and self.event_time and self.transmission >= EVENT_MANUFACTURER
         return Frame(self.can_id, self._sample()) if timed else None

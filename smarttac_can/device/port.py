@@ -114,7 +114,7 @@ class Clock:
         self._timers.append(timer)
         return timer
 
-    def share(self, timers: Sequence[Timer], ahead: int) -> float:
+    def level(self, timers: Sequence[Timer], ahead: int) -> float:
         """Return the largest elapsed fraction of the delays of some timers.
 
         Parameters
@@ -129,8 +129,8 @@ class Clock:
         for timer in timers:
             if timer.due != NEVER:
                 delay = timer.delay
-                share = 1.0 - (timer.due - then) / delay if delay else 1.0
-                largest = share if share > largest else largest
+                elapsed = 1.0 - (timer.due - then) / delay if delay else 1.0
+                largest = elapsed if elapsed > largest else largest
         return largest
 
     def advance(self, microseconds: int) -> None:

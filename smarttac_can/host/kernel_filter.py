@@ -44,8 +44,8 @@ _EXTENDED, _INVERTED = 1 << 31, 1 << 29
 _OF_11_BITS: Final = _EXTENDED | CAN_ID_MASK
 
 
-def hear_only(bus: can.BusABC, can_ids: Iterable[int]) -> None:
-    """Let the kernel pass only frames with these identifiers to a bus of python-can.
+def receive_only(bus: can.BusABC, can_ids: Iterable[int]) -> None:
+    """Set the receive filter of the kernel, for a bus of python-can, to these identifiers.
 
     Frames dropped before a change of the identifiers are lost. All frames pass on interfaces
     other than SocketCAN and udp_multicast, on systems without such filters, and on udp_multicast
@@ -92,8 +92,8 @@ def _has_programs(bus: can.BusABC) -> bool:
     return isinstance(bus, UdpMulticastBus) and sys.platform == "linux"
 
 
-def hold_more(bus: can.BusABC) -> None:
-    """Let the kernel keep as many frames for a bus of python-can as it allows.
+def enlarge_buffer(bus: can.BusABC) -> None:
+    """Set the receive buffer of a bus of python-can to the largest size that the kernel allows.
 
     Frames beyond that are lost if a busy machine reads them too late. The default is enough for
     some 70 ms of a loop on udp_multicast. Privileged processes may keep more.

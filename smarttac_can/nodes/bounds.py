@@ -286,7 +286,7 @@ def put_out(
     """
     response = response_at(plan, vibration, drive.frequency)
     drive = cut(plan, vibration, response, drive)
-    return noted(in_force, drive, response, late), drive
+    return with_drive(in_force, drive, response, late), drive
 
 
 def response_at(plan: BoundPlan, vibration: Vibration, frequency: float) -> Response:
@@ -325,7 +325,7 @@ def cut(plan: BoundPlan, vibration: Vibration, response: Response, drive: Drive)
     return Drive((sqrt(half * half - square * over) - half) / square, f)
 
 
-def noted(in_force: InForce, drive: Drive, response: Response, late: bool) -> InForce:
+def with_drive(in_force: InForce, drive: Drive, response: Response, late: bool) -> InForce:
     """Return the drives that may be in force until the next measurement, after a drive was sent."""
     was, turning, most, least, _, _, held_most, held_least, was_late, _, held = in_force
     V = drive.voltage

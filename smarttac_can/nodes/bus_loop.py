@@ -261,7 +261,7 @@ class BusLoop:
     def levels(self) -> dict[Watchdog, float]:
         """Return the level of each watchdog of the loop at the end of this tick; 1.0 is a fault."""
         lost, irregular = self._sync.levels(TICK_US)
-        unanswered = self._clock.share((self._unanswered,), TICK_US)
+        unanswered = self._clock.level((self._unanswered,), TICK_US)
         return {
             Watchdog.MEASUREMENT: max(unanswered, self._pairing.level),
             Watchdog.SYNC_LOST: lost,
@@ -392,7 +392,7 @@ class SyncWatch:
 
     def levels(self, ahead: int) -> tuple[float, float]:
         """Return the levels of lost and irregular SYNC ``ahead`` us from now; 1.0 is a fault."""
-        silence = self._clock.share((self._silence,), ahead)
+        silence = self._clock.level((self._silence,), ahead)
         return silence, max(self._window.level(ahead), self._long.level(ahead))
 
     def _on_silence(self) -> None:

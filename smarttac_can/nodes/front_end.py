@@ -82,7 +82,7 @@ class FrontEnd:
         took = max(self._slowest, self._plate.took_us)
         self._slowest = 0
         if took > LATE_US:
-            self._miss(f"a call took {took} us, longer than {LATE_US}")
+            self._miss(f"a call took {took} us, longer than {LATE_US} us")
             return None
         if measured is None or measured is self._last:
             self._miss("sample() has nothing new")
@@ -120,7 +120,9 @@ class FrontEnd:
             if number is not None:
                 voltage = number.real
             if not abs(voltage - drive.voltage) <= STAGE_TOLERANCE:
-                self._doubt(f"{call} returned {_shown(read_back)}")
+                self._doubt(
+                    f"{call} returned {_shown(read_back)}, not within {STAGE_TOLERANCE:g} V"
+                )
         self._slowest = max(self._slowest, self._plate.took_us)
         self._commanded = drive.voltage
         self.stage = Drive(voltage, drive.frequency)

@@ -46,7 +46,7 @@ class Rule(NamedTuple):
     """Function of the present and the new raw value: whether the write relaxes the object."""
 
 
-def watched_node(watch: int) -> int:
+def supervised_node(watch: int) -> int:
     """Return the node-ID that an entry of the heartbeat consumer supervises, 0 for none."""
     node_id, time = watch >> 16 & 0xFF, watch & 0xFFFF
     return node_id if time and node_id <= _LAST_NODE else 0
@@ -56,17 +56,17 @@ def _lasts_longer(present: int, value: int) -> bool:
     return present != 0 and (value == 0 or value > present)
 
 
-def _watches_less(present: int, value: int) -> bool:
-    if not watched_node(present):
+def _supervises_less(present: int, value: int) -> bool:
+    if not supervised_node(present):
         return False
-    other = watched_node(value) != watched_node(present)
+    other = supervised_node(value) != supervised_node(present)
     return other or value & 0xFFFF > present & 0xFFFF
 
 
 HIGHER: Final = Rule("a higher value", lambda present, value: value > present)
 LOWER: Final = Rule("a lower value", lambda present, value: value < present)
 LONGER: Final = Rule("a longer time, or 0 where there is one", _lasts_longer)
-ELSEWHERE: Final = Rule("of a node: a longer time, 0, or another node", _watches_less)
+ELSEWHERE: Final = Rule("of a node: a longer time, 0, or another node", _supervises_less)
 OTHER: Final = Rule("any but the present value", lambda present, value: value != present)
 
 
@@ -174,6 +174,6 @@ class Lock:
         if rule is not None and rule.forbids(entry.value, value):
             raise Abort(
                 AbortCode.STATE,
-                f"{entry.name} stays {entry.value}, as a drive is possible: {rule.text} is refused"
-                "; disarm first",
+                f"{entry.name} {entry.shown(value)} is refused, present value "
+                f"{entry.shown(entry.value)}: {rule.text} needs a plate at 0 V; disarm first",
             )

@@ -377,7 +377,8 @@ class Taring:
         """
         if signature != ZERO:
             raise Abort(
-                AbortCode.VALUE, f"{NOT_TARED}the value is not the signature {ZERO:08X}h, 'zero'"
+                AbortCode.VALUE,
+                f"{NOT_TARED}the value {signature:08X}h is not the signature {ZERO:08X}h, 'zero'",
             )
         if self._supervisor.tare_inhibited:
             raise Abort(

@@ -436,7 +436,7 @@ class PlateNode(DeviceNode):
         """Return the level of each row of `PLATE_COUNTED` at the end of this tick; 1.0 trips."""
         limited = self._limited
         return (
-            self.clock.share((self._unanswered,), TICK_US),
+            self.clock.level((self._unanswered,), TICK_US),
             self._sender.level,
             level(limited.temperature.value, limited.temperature_max.value),
             level(limited.voltage.value, limited.voltage_max.value),

@@ -192,12 +192,12 @@ class StateMachine:
 
 
 class StageState(Enum):
-    """States of the power stage; only IN_USE has a voltage."""
+    """States of the power stage; only IN_USE may have a voltage."""
 
-    WAITING = "at 0 V until a drive of 0 V has come, as at the beginning"
-    TRIPPED = "the same, after it went to 0 V by itself while it was in use"
-    FREE = "at 0 V, takes a voltage"
-    IN_USE = "has taken a voltage, and since then whatever the drives say"
+    WAITING = "0 V; ignores voltages until a drive of 0 V has come, as after the start"
+    TRIPPED = "as WAITING, after it went to 0 V by itself while it was in use"
+    FREE = "0 V; accepts a voltage"
+    IN_USE = "has accepted a voltage, and stays in use at drives of 0 V"
 
 
 class StageEvent(Enum):

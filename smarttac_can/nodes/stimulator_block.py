@@ -404,7 +404,10 @@ class StimulatorBlock:
             if self._inside is not None:
                 self._inside.plate.write(entry.name, value)
             elif value != entry.value:
-                raise Abort(AbortCode.STATE, f"{entry.name} is an object of the plate node here")
+                raise Abort(
+                    AbortCode.STATE,
+                    f"{entry.name} is not simulated in this node: write it to the plate node",
+                )
         elif entry.name in AUTO_ZERO:
             self._taring.auto_zero(self.cascade, value)
             if self._changed:
@@ -416,7 +419,8 @@ class StimulatorBlock:
             if inhibited and value != entry.value:
                 raise Abort(
                     AbortCode.STATE,
-                    f"{entry.name} stays {entry.value}: it would hide a force that is a fault",
+                    f"{entry.name} {entry.shown(value)} is refused: it could hide a force that is "
+                    "a fault; disarm first, and take the force away",
                 )
             cascade = self.cascade
             self._plans = self._built(cascade.model, cascade.zero, entry, value)

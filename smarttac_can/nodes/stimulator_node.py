@@ -12,7 +12,7 @@ from smarttac_can.device.port import Clock
 from smarttac_can.device.storage import Storage
 from smarttac_can.nodes.bus_loop import BusLoop, Observe
 from smarttac_can.nodes.device_node import DeviceNode
-from smarttac_can.nodes.lock import watched_node
+from smarttac_can.nodes.lock import supervised_node
 from smarttac_can.nodes.loop_frames import (
     DRIVE_TPDO,
     LATCHED,
@@ -119,10 +119,10 @@ class Commander:
         self._late.clear()
         self._observe(Watchdog.SETPOINT, False)
 
-    def rewatch(self, before: int, after: int) -> None:
+    def consumer_changed(self, before: int, after: int) -> None:
         """Apply a write to the heartbeat consumer: another node is a new one."""
-        node_id = watched_node(before)
-        if node_id and node_id != watched_node(after):
+        node_id = supervised_node(before)
+        if node_id and node_id != supervised_node(after):
             self._seen.discard(node_id)
             self._resting.pop(node_id, None)
             self._back(node_id)
@@ -182,13 +182,13 @@ class Commander:
             self._observe(Watchdog.HEARTBEAT, False)
 
     @property
-    def kept(self) -> bool:
+    def supervised(self) -> bool:
         """Whether a loss of the commander would be detected."""
         device = self._device
         return (
             self._lockstep
             or device.guarded
-            or bool(device.watched_in_time - {self._plate})
+            or bool(device.supervised_in_time - {self._plate})
             or any(device.in_time(number) for number in SETPOINT_RPDOS)
         )
 
@@ -200,7 +200,7 @@ class Commander:
 
     def _set_but_silent(self) -> Iterator[str]:
         """Yield for each configured supervision the frame that it waits for."""
-        nodes = [watched_node(entry.value) for entry in self._watches]
+        nodes = [supervised_node(entry.value) for entry in self._watches]
         if masters := [f"{node}" for node in nodes if node not in (0, self._plate)]:
             which = " or ".join(masters)
             full = all(entry.value for entry in self._watches)
@@ -399,12 +399,14 @@ class StimulatorNode(DeviceNode):
         s = self._supervisor
         temperature = self._temperature.value * self._temperature.si
         missed = self._missed_time.missed * _PERCENT / (self._missed_max.value * TICKS)
-        shares = levels(s.plan, s.watch, s.in_force, self.block.cascade.contact, temperature)
-        shares |= self._loop.levels()
-        shares[Watchdog.HEARTBEAT] = max(self.device.silence(TICK_US), self._commander.level())
-        shares[Watchdog.SETPOINT] = self.device.lateness(SETPOINT_RPDOS, TICK_US)
-        shares[Watchdog.MISSED_TIME] = missed
-        return tuple([shares[watchdog] for watchdog in COUNTED])
+        found = levels(s.plan, s.watch, s.in_force, self.block.cascade.contact, temperature)
+        found |= self._loop.levels()
+        found[Watchdog.HEARTBEAT] = max(
+            self.device.heartbeat_level(TICK_US), self._commander.level()
+        )
+        found[Watchdog.SETPOINT] = self.device.rpdo_level(SETPOINT_RPDOS, TICK_US)
+        found[Watchdog.MISSED_TIME] = missed
+        return tuple([found[watchdog] for watchdog in COUNTED])
 
     def shutdown(self) -> list[Frame]:
         """Set the plate to 0 V, and publish the state."""
@@ -480,7 +482,7 @@ class StimulatorNode(DeviceNode):
         """Obey a controlword received in an RPDO."""
         if self.device.carries(number, self._controlword):
             before = self.block.state
-            self.block.note_supervision(self._commander.kept)
+            self.block.note_supervision(self._commander.supervised)
             self.block.take_controlword()
             self._report()
             self._show_change(before)
@@ -516,15 +518,15 @@ class StimulatorNode(DeviceNode):
         if entry is self._mode and value and self.device.nmt_state is not NMTState.OPERATIONAL:
             raise Abort(
                 AbortCode.STATE,
-                f"Mode {value} needs NMT OPERATIONAL: start the node, it goes on with Mode 0",
+                f"Mode {value} needs NMT OPERATIONAL: start the node, then write Mode again",
             )
         before = self.block.state
         if entry is self._controlword:
-            self.block.note_supervision(self._commander.kept)
+            self.block.note_supervision(self._commander.supervised)
         self.block.on_write(entry, value)
         self._loop.on_write(entry, value)
         if entry.index == HEARTBEAT_CONSUMER:
-            self._commander.rewatch(entry.value, value)
+            self._commander.consumer_changed(entry.value, value)
         self._report()
         self._show_change(before)
         if entry.name == START_RUN:

@@ -13,7 +13,7 @@ from smarttac_can.nodes.watches import Seen, WatchPlan, WatchState, at_rest, wat
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
-from smarttac_can.vocabulary.meanings import TARE, UNWATCHED
+from smarttac_can.vocabulary.meanings import TARE, UNSUPERVISED
 from smarttac_can.vocabulary.signals import Drive
 from smarttac_can.vocabulary.states import CONTROL_MASK, Mode, State
 from smarttac_can.vocabulary.watchdogs import (
@@ -216,7 +216,8 @@ class Supervisor:
             unchanged. With the reason.
         """
         if word & ~CONTROL_MASK:
-            raise Abort(AbortCode.VALUE, f"Controlword {word:04X}h has bits without a meaning")
+            known = f"{CONTROL_MASK:04X}h are known"
+            raise Abort(AbortCode.VALUE, f"Controlword {word:04X}h has unknown bits: {known}")
         if not self._obey(word):
             raise Abort(AbortCode.STATE, self._why_not(word))
         self._seen = word
@@ -392,7 +393,7 @@ class Supervisor:
     def _why_not(self, word: int) -> str:
         state = self.machine.state
         if state is State.READY and not self.supervised:
-            return f"{UNWATCHED}{self.advice()}"
+            return f"{UNSUPERVISED}{self.advice()}"
         if state is State.NOT_READY:
             return f"not armed: {', and '.join(self._lacks())}"
         name = state.name.lower().replace("_", " ")

@@ -276,14 +276,14 @@ def levels(
     plan: WatchPlan, state: WatchState, in_force: InForce, contact: Contact, temperature: float
 ) -> dict[Watchdog, float]:
     """Return the level of each of these watchdogs after a cycle; 1.0 is a fault."""
-    shares: dict[Watchdog, float] = {}
+    found: dict[Watchdog, float] = {}
     for (watchdog, _), count, full in zip(_COUNTS, state.counts, plan.full, strict=True):
-        shares[watchdog] = max(shares.get(watchdog, 0.0), count / full)
+        found[watchdog] = max(found.get(watchdog, 0.0), count / full)
     stuck = max(
         rest / (STUCK_THERMOMETER_CYCLES if at == _THERMOMETER else STUCK_GAUGE_CYCLES)
         for at, rest in enumerate(state.rests)
     )
-    return shares | {
+    return found | {
         Watchdog.VOLTAGE: level(in_force.drive.voltage, plan.V_max),
         Watchdog.TEMPERATURE: level(temperature, plan.temperature_max),
         Watchdog.NORMAL_FORCE: contact.Fn / plan.Fn_max,

@@ -170,6 +170,7 @@ def write_report(
 
     Parameters
     ----------
+    directory
         Directory; created if it does not exist. Files of the same names are replaced.
     traces, summary
         Traces of the runs and their `smarttac_can.paper.reproduce.summary`.

@@ -34,7 +34,7 @@ from smarttac_can.vocabulary.signals import TICK, Drive, MeasurementFields
 SUBSTEPS: Final = 1
 """Sub-steps of a tick while the skin slides with the bone, by the convergence test."""
 SUBSTEPS_OF_ENVELOPE: Final = 4
-"""The same if the mode softens, the film lags or the pick-up filters."""
+"""Sub-steps of a sliding skin if the mode softens, the film lags or the pick-up filters."""
 SUBSTEPS_OF_SWING: Final = 16
 """Sub-steps of a tick in which the skin swings against the bone."""
 SWING_SHARE: Final = 0.1
@@ -61,9 +61,9 @@ class Steps(NamedTuple):
     """In s."""
     path: Propagator
     film_share: float
-    """By which share of its distance the film follows in a sub-step."""
+    """Fraction by which the film nears the vibration in a sub-step."""
     low_share: float
-    """The same of the pick-up's filter."""
+    """Fraction by which the pick-up's filter nears its input in a sub-step."""
     read: bool
     """Whether they are in the pick-up's window."""
 
@@ -73,7 +73,7 @@ class Segment(NamedTuple):
 
     coarse: Steps
     fine: Steps
-    """For a skin that swings."""
+    """Sub-steps if the skin swings."""
     new: bool
     """Whether the new drive is in force."""
 
@@ -125,7 +125,7 @@ class PickUp(NamedTuple):
     """Neighbouring mode and what the pick-up sees, if it is not `Coefficients.exact`."""
 
     W: complex
-    """Of the neighbouring mode."""
+    """Envelope of the neighbouring mode in m."""
     rate: complex
     low: complex
     """Both modes behind the filter in m."""
@@ -150,13 +150,13 @@ class Motion(NamedTuple):
     Ft: float
     """Friction force on the plate in N."""
     Fx: float
-    """The same after the force path."""
+    """Friction force behind the force path in N."""
     Fx_rate: float
     pickup: PickUp
 
 
 class PlatePlan(NamedTuple):
-    """What a step of the plate follows from."""
+    """Parameters of a step of the plate."""
 
     coefficients: Coefficients
     sensing: Sensing

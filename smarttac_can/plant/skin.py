@@ -42,7 +42,7 @@ class SkinStep(NamedTuple):
     """What is constant over steps of equal length."""
 
     duration: float
-    """Of a stage in s."""
+    """Duration of a stage in s."""
     v_bone: float
     mass: float
     k: float

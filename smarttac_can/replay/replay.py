@@ -402,7 +402,7 @@ class ReplayedNode:
                 break
         if queue and (queue[0][1] == frame or not self._timed(frame)):
             return queue.popleft()[1]
-        return frame if self._timed(frame) else self._node.device.unasked().get(frame.can_id)
+        return frame if self._timed(frame) else self._node.device.timer_frames().get(frame.can_id)
 
     def overdue(self, age: int) -> Stamped | None:
         """Return a frame, with its time, that was computed over `age` us ago and is not in the log.
@@ -427,9 +427,9 @@ class ReplayedNode:
         if self._lockstep:
             return False
         can_id = frame.can_id
-        if self._node.device.unasked().get(can_id) == frame:
+        if self._node.device.timer_frames().get(can_id) == frame:
             return True
-        return any(unasked.get(can_id) == frame for _, unasked in self._before)
+        return any(timed.get(can_id) == frame for _, timed in self._before)
 
     def _hear(self, time: int, frame: Frame) -> None:
         if self._lockstep:
@@ -447,7 +447,7 @@ class ReplayedNode:
         if not drove and device.nmt_state is NMTState.OPERATIONAL:
             self._first.begin()
         if frames:
-            self._before.append((time, device.unasked()))
+            self._before.append((time, device.timer_frames()))
             while self._before[0][0] < time - LATE_US:
                 self._before.popleft()
 
@@ -494,8 +494,8 @@ class ReplayedNode:
     def _act(self) -> None:
         """Act on what is due now; the log tells when the frames of timers were sent."""
         frames = self._node.advance(0)
-        unasked = self._node.device.unasked()
-        self._put([frame for frame in frames if frame.can_id not in unasked])
+        timed = self._node.device.timer_frames()
+        self._put([frame for frame in frames if frame.can_id not in timed])
 
     def _put(self, frames: list[Frame]) -> None:
         sent = self._node.ids.sent

@@ -24,7 +24,7 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.host.background import Background
 from smarttac_can.host.bus import BusError
 from smarttac_can.host.drivers import opening
-from smarttac_can.host.kernel_filter import hear_only, hold_more
+from smarttac_can.host.kernel_filter import enlarge_buffer, receive_only
 from smarttac_can.host.python_can import kept_here, received, to_frame, to_message
 from smarttac_can.master.errors import BenchError
 from smarttac_can.master.requests import upload
@@ -229,7 +229,7 @@ def _stamped(bus: Mapping[str, Any]) -> Iterator[can.BusABC]:
                 "the loop is timed by the kernel's time stamps, between processes: "
                 f"socketcan or udp_multicast have them, {opened.channel_info} has not"
             )
-        hold_more(opened)
+        enlarge_buffer(opened)
         yield opened
 
 
@@ -271,7 +271,7 @@ def listening(
             broken.append(error)
 
     with _stamped(bus) as opened:
-        hear_only(opened, can_ids)
+        receive_only(opened, can_ids)
         with Background("listener", work, stop):
             yield
     if broken:

@@ -85,7 +85,7 @@ def emergency_text(code: int) -> str:
         if row.code == code:
             return row.text.partition(":")[0]
     if code == EmergencyCode.RESET:
-        return "an error is gone"
+        return "error reset or no error"
     return EMERGENCIES.get(code, "a code that is not known")
 
 
@@ -104,6 +104,6 @@ AUTO_ZERO: Final = tuple(
 )
 """Auto-zero objects, one for each channel that can be tared."""
 NOT_TARED: Final = "not tared: "
-"""Beginning of the Message when a tare is refused for a null outside its window."""
-UNWATCHED: Final = "not armed, as nobody would be missed: "
+"""Beginning of the Message when a tare is refused."""
+UNSUPERVISED: Final = "not armed: the commander is not supervised: "
 """Beginning of the Message when arming is refused without supervision; what to do follows."""

@@ -161,19 +161,19 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         "NMT left OPERATIONAL while running",
         FaultCode.NMT_LEFT, _COMMUNICATION, 1, _AT_ONCE,
         Way.ONCE,
-        remedy="let the master start the node again",
+        remedy="start the node again by NMT",
         looks_at="NMT while running",
         lasting=False,
     ),
     Watchdog.HEARTBEAT: WatchdogRow(
-        "the heartbeat of a watched node is lost",
+        "the heartbeat of a supervised node is lost",
         FaultCode.HEARTBEAT_LOST, _COMMUNICATION, "Consumer heartbeat time",
         "the consumer time; at once when the node boots again, 1 s and a heartbeat after one that "
-        "was OPERATIONAL left it; the plate is watched with 2 s, two heartbeats, beside its PDOs",
+        "was OPERATIONAL left it; the plate has 2 s, two heartbeats, beside its PDOs",
         Way.TIME_OUT,
         limit="Consumer heartbeat time",
         remedy="see whether the program that drives, and the plate node, run and are on the bus",
-        looks_at="heartbeats and boot-ups of watched nodes, life guarding",
+        looks_at="heartbeats and boot-ups of supervised nodes, life guarding",
     ),
     Watchdog.MEASUREMENT: WatchdogRow(
         "the measurements of the plate are late",
@@ -320,8 +320,8 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         "the vibration does not follow from the voltage",
         FaultCode.PICKUP_IMPLAUSIBLE, _MANUFACTURER, LACK_CYCLES,
         "too much: 3 cycles, 10 where the loop hunts; none: 10 cycles, ten time constants; less "
-        "than any finger explains: 20 cycles, until its force is felt as well; with a plate node "
-        "as many more as its deadline is above 3 ms",
+        "than any finger explains: 20 cycles, until its force is measured as well; with a plate "
+        "node as many more as its deadline is above 3 ms",
         Way.SLOWLY,
         ". None at all has to be in a row, as the end of each pulse under a finger may "
         "look like it",
@@ -367,7 +367,7 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
     Watchdog.PLATE: WatchdogRow(
         "the plate went to 0 V by itself: its drives were late",
         FaultCode.DRIVE_LOST, _COMMUNICATION, 1,
-        "the plate says so, by 8253h, in the cycle after it did",
+        "the plate reports it by 8253h, in the cycle after it did",
         Way.ONCE,
         limit="event timer of the plate's RPDO 1",
         remedy="see whether the computer or the bus is too busy",
@@ -378,11 +378,11 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         "another node sends with an identifier of this one or of its plate: two have one node-ID, "
         "give one of them another by LSS or --node-id; clear 3 s after the last such frame",
         FaultCode.DOUBLE, _COMMUNICATION, 1,
-        "one frame is enough, and the plate tells of its own; without a plate that tells, as many "
+        "one frame is enough, and the plate reports its own; without a plate that does, as many "
         "measurements beyond one a SYNC as the deadline has ms, in twice as many SYNCs and 2: one "
-        "less is what SYNCs that were not heard may leave. Present until 3 s without",
+        "less is what SYNCs that were not received may leave. Present until 3 s without",
         Way.WINDOW,
-        ": one less is what SYNCs that were not heard may leave in each. A "
+        ": one less is what SYNCs that were not received may leave in each. A "
         "measurement that a window lets pass is not answered",
         _DEADLINE,
         remedy="give one of the two nodes another node-ID",
@@ -413,9 +413,9 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         lasting=False,
     ),
     Watchdog.STAGE: WatchdogRow(
-        "the power stage does not put out what it is told",
+        "the power stage does not put out the commanded voltage",
         FaultCode.STAGE, ErrorRegister.VOLTAGE, 1,
-        "the plate says so, by 3311h, in the cycle in which it sees it: at once in the simulated "
+        "the plate reports it by 3311h, in the cycle in which it sees it: at once in the simulated "
         "stage and a front end's, within 5 cycles where hardware reads the stage back",
         Way.SLOWLY,
         ", where hardware reads the stage back; elsewhere no count",
@@ -424,9 +424,9 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         lasting=False,
     ),
     Watchdog.NOT_ENABLED: WatchdogRow(
-        "hardware does not let the power stage drive, or is not heard",
+        "hardware does not enable the power stage, or is silent",
         FaultCode.NOT_ENABLED, _MANUFACTURER, 1,
-        "the plate says so, by 9010h: when its Enable goes while it drives, when the event timer "
+        "the plate reports it by 9010h: when its Enable goes while it drives, when the event timer "
         "of that RPDO is over, and when a voltage is asked for without; with a front end also when "
         "it had no measurement in time for 2 cycles in a row, or anything that is wrong",
         Way.TIME_OUT,

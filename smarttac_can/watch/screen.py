@@ -231,8 +231,8 @@ def _counts(view: View) -> Iterator[Line]:
 
 
 def _urgent(view: View, width: int) -> Iterator[Line]:
-    for text in view.latched:
-        yield from _wrapped(f"FAULT: {text}", width, "alarm")
+    for text, remedy in zip(view.latched, view.remedies, strict=True):
+        yield from _wrapped(f"FAULT: {text}; {remedy}", width, "alarm")
     for text in view.notes:
         yield from _wrapped(text, width, "note")
 

@@ -193,7 +193,7 @@ def test_stage_is_believed_rather_than_the_drives(log: Log, rows: Rows) -> None:
 @pytest.mark.parametrize(
     ("after_us", "shown", "complaint"),
     [
-        (-20_000, b"\0\0", "the stage shows 0 x 10 mV at"),
+        (-20_000, b"\0\0", "the stage shows 0.00 V at"),
         (30_000, b"\1", "cycles_to_zero is 24 in the row"),
         (250_000, b"\1", "held is true in the row, false in the log"),
     ],

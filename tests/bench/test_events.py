@@ -157,7 +157,7 @@ def test_blocks_that_end_in_any_order_leave_what_others_hear(
 ) -> None:
     heard: list[set[int]] = []
     monkeypatch.setattr(
-        "smarttac_can.bench.can_link.hear_only", lambda _bus, ids: heard.append(set(ids))
+        "smarttac_can.bench.can_link.receive_only", lambda _bus, ids: heard.append(set(ids))
     )
     with (
         in_threads(virtual, stimulator_with_plate()),

@@ -87,7 +87,7 @@ def test_ctrl_c_within_a_run_is_no_check_that_fails(
 def test_who_drives_is_not_disturbed(bench: Stimulator) -> None:
     bench.voltage = 5.0
     bench.mode = "open_loop"
-    with pytest.raises(BenchError, match=r"somebody drives the stimulator: .* disarm\(\) first"):
+    with pytest.raises(BenchError, match=r"the stimulator is in use: .* disarm\(\) first"):
         selftest(bench)
     assert (bench.state, bench.mode, bench.voltage) == (State.RUNNING, Mode.OPEN_LOOP, 5.0)
 

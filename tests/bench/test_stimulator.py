@@ -437,7 +437,7 @@ def test_identify_hides_no_fault_behind_its_model(percent: int) -> None:
     with Stimulator.simulate("local") as bench:
         bench.run(0.07)
         block = bench._link._block  # type: ignore[attr-defined]
-        with pytest.raises(FaultError, match="the heartbeat of a watched node is lost"):
+        with pytest.raises(FaultError, match="the heartbeat of a supervised node is lost"):
             bench.identify(trip)
     assert [progress >= percent for progress in done].count(True) == 1, "at once"
 
@@ -581,7 +581,7 @@ def test_a_watchdog_that_trips_on_the_way_to_running_is_the_reason_given(
 
         with monkeypatch.context() as patch:
             patch.setattr(link, "write", trip_and_write)
-            with pytest.raises(error, match="the heartbeat of a watched node is lost"):
+            with pytest.raises(error, match="the heartbeat of a supervised node is lost"):
                 bench.mode = "open_loop"
 
 

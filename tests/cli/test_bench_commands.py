@@ -39,7 +39,11 @@ from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 # ``smarttac status`` says how a stimulator is, and ``smarttac reset`` resets its fault.
 
 
-STUCK = {"code": int(WATCHDOGS[Watchdog.STUCK].code), "text": "a sensor is stuck"}
+STUCK = {
+    "code": int(WATCHDOGS[Watchdog.STUCK].code),
+    "text": "a sensor is stuck",
+    "remedy": "check the sensors, their amplifiers and cables",
+}
 
 
 @pytest.fixture
@@ -135,15 +139,17 @@ def test_state_and_levels_of_a_run_that_goes_on(
     # Nothing but the bench moves the time of its node, and so its heartbeat.
     assert said["nmt"] == "unknown"
     assert text["state"] == "running, mode open_loop (live, driving)"
-    assert text["driven by"] == "somebody whose heartbeat is not watched"
+    assert text["driven by"] == "a commander whose heartbeat is not supervised"
     assert text["voltage"] == "12 of 150 V, 8%"
-    assert text["nodes"].startswith("stimulator 32 in a state that no heartbeat tells, on virtual:")
+    assert text["nodes"].startswith(
+        "stimulator 32 in an unknown NMT state (no heartbeat), on virtual:"
+    )
 
 
 def test_values_that_no_cycle_has_renewed_are_named(virtual: dict[str, Any]) -> None:
     with in_threads(virtual, stimulator_with_plate()):
         said = smarttac(virtual, "status").stdout.splitlines()
-    assert said[3] == "no cycle comes what follows is of the last one, or of none"
+    assert said[3] == "no cycles      the values below are of the last cycle, if any"
 
 
 def test_a_fault_is_named_and_reset_when_its_cause_is_gone(
@@ -153,7 +159,7 @@ def test_a_fault_is_named_and_reset_when_its_cause_is_gone(
     break_a_gauge(driven)
     there = lines(smarttac(virtual, "status"))
     assert there["state"] == "fault, mode off (live, fault)"
-    assert there["fault"] == f"{STUCK['code']:04X}h a sensor is stuck"
+    assert there["fault"] == f"{STUCK['code']:04X}h {STUCK['text']}; {STUCK['remedy']}"
     assert there["message"] == "a sensor is stuck"
     refused = smarttac(virtual, "reset", "--lockstep")
     assert refused.stderr == "Error: the fault cannot be reset: a sensor is stuck\n"
@@ -203,7 +209,7 @@ def test_the_plate_node_is_found(virtual: dict[str, Any]) -> None:
 def test_a_master_that_is_not_heard(virtual: dict[str, Any], node: StimulatorNode) -> None:
     node.od.entry(0x1016, 2).value = 5 << 16 | 100
     said = lines(smarttac(virtual, "status"))
-    assert said["driven by"] == "nobody; node 5 watched but not heard"
+    assert said["driven by"] == "nobody; node 5 supervised and silent"
 
 
 def test_a_lost_master_is_named_with_the_cure(
@@ -220,9 +226,9 @@ def test_a_lost_master_is_named_with_the_cure(
         refused = smarttac(virtual, "reset")
         assert (refused.exit_code, refused.stderr) == (
             1,
-            "Error: the fault cannot be reset: the heartbeat of a watched node is lost; node 5 is "
-            "watched but not heard: start it again, or write 0 to 1016h sub-index 2 of node 32, or "
-            "reset node 32 (NMT)\n",
+            "Error: the fault cannot be reset: the heartbeat of a supervised node is lost; node 5 "
+            "is supervised and silent: start it again, or write 0 to 1016h sub-index 2 of node 32, "
+            "or reset node 32 (NMT)\n",
         )
     with Stimulator.connect(**virtual) as bench:
         bench.set(watch, 0)
@@ -312,7 +318,7 @@ def test_a_watch_that_is_killed_leaves_0_v(multicast: dict[str, Any]) -> None:
         node.wait_for("stimulator 32 mode open_loop")
         watch.process.send_signal(signal.SIGKILL)
         node.wait_for("stimulator 32 mode off")
-        node.wait_for("stimulator 32 fault 8131h: the heartbeat of a watched node is lost")
+        node.wait_for("stimulator 32 fault 8131h: the heartbeat of a supervised node is lost")
 
 
 def test_nobody_to_drive_is_one_line(multicast: dict[str, Any]) -> None:
@@ -544,7 +550,7 @@ def test_who_drives_is_not_disturbed(laboratory: Laboratory, tmp_path: Path) -> 
     laboratory.bench.mode = "open_loop"
     result = calibrate(tmp_path, "--write")
     assert result.exit_code == 1
-    assert result.stderr.startswith("Error: somebody drives the stimulator: it is armed or running")
+    assert result.stderr.startswith("Error: the stimulator is in use: it is armed or running")
     assert laboratory.asked == []
     assert not (tmp_path / "plate.json").exists()
 
@@ -581,5 +587,5 @@ def test_the_certificate_never_takes_the_place_of_the_plan(
     (tmp_path / plan).write_text(PLAN)
     (tmp_path / "linked.json").symlink_to(tmp_path / plan)
     arguments = (tmp_path / plan, "--certificate", tmp_path / certificate, "--force")
-    assert "would take the place of the plan" in refusal("calibrate", *arguments, code=2)
+    assert "is the plan: name another file" in refusal("calibrate", *arguments, code=2)
     assert (tmp_path / plan).read_text() == PLAN

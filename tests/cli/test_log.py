@@ -29,7 +29,7 @@ from smarttac_can.device.frame import Frame
         ("705#7F", "node 5 heartbeat, pre-operational"),
         ("705#33", "node 5 heartbeat, 51"),
         ("720", "stimulator 32 heartbeat without a state"),
-        ("0A0#3181010000000000", "stimulator 32 EMCY 8131h: the heartbeat of a watched node "
+        ("0A0#3181010000000000", "stimulator 32 EMCY 8131h: the heartbeat of a supervised node "
                                  "is lost"),
         ("1A0#0F0304", "stimulator 32 TPDO 1: Statusword live+driving+touching+limited+running, "
                        "Mode display friction"),

@@ -419,8 +419,8 @@ def test_lines_say_why_nothing_arms_and_what_ended_a_run() -> None:
     for word in (0, 1):
         node.receive(requests.download(0x20, controlword, word))
     assert said == [
-        "stimulator 32 not armed, as nobody would be missed: enter your heartbeat in Consumer "
-        "heartbeat time and send it, or set Drive unwatched to 1"
+        "stimulator 32 not armed: the commander is not supervised: enter your heartbeat in "
+        "Consumer heartbeat time and send it, or set Drive unwatched to 1"
     ]
     stimulator.od["Drive unwatched"].value = 1
     for word in (0, 1):

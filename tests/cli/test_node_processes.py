@@ -75,10 +75,10 @@ def test_a_killed_bench_leaves_0_v_and_the_next_one_resets_that(multicast: dict[
             node.wait_for("stimulator 32 mode open_loop")
             killed.kill()
         node.wait_for("stimulator 32 mode off")
-        assert reader.message == "the heartbeat of a watched node is lost"
+        assert reader.message == "the heartbeat of a supervised node is lost"
         with Stimulator.connect(**multicast) as bench:
             assert bench.state is State.FAULT
-            assert bench.message == "the heartbeat of a watched node is lost"
+            assert bench.message == "the heartbeat of a supervised node is lost"
             assert not bench.run(0.1).voltage_v.any()
             bench.reset_fault()
             bench.mode = "open_loop"
@@ -155,7 +155,9 @@ def test_the_faults_outlive_a_power_cut_where_there_is_storage(
         node.process.kill()
     with processes(multicast, command), Stimulator.connect(**multicast) as bench:
         fault = bench._link.read("Fault memory.Fault 1")
-        assert fault.startswith("8131h the heartbeat of a watched node is lost; mode open loop, ")
+        assert fault.startswith(
+            "8131h the heartbeat of a supervised node is lost; mode open loop, "
+        )
         assert "Voltage 20000 mV" in fault
         assert bench.state is not State.FAULT, "the memory is not the latch"
 

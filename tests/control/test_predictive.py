@@ -24,16 +24,16 @@ from smarttac_can.control.predictive import (
     _update,
     asked_voltage,
     believed,
+    drive_lost,
     fade,
-    first_lasting,
     interrupted,
     learn,
-    missed,
     observed,
     prior_of,
     resonance_of,
     unlearned,
     voltage_for,
+    with_first_only,
 )
 from smarttac_can.control.vibration import Limit
 from smarttac_can.paper.metrics import response_time
@@ -259,12 +259,12 @@ def test_the_model_is_as_unsure_as_plates_differ():
 @pytest.mark.parametrize("dead_time", [0.0, BUS])
 def test_a_drive_was_missed_if_the_one_before_explains_nearly_all_that_is_off(dead_time):
     span, W = Span(10.0, W0, 60.0, W0), 0.4e-6 + 0j
-    kept = moved(MODEL, dead_time, W, first_lasting(span))
+    kept = moved(MODEL, dead_time, W, with_first_only(span))
     came = moved(MODEL, dead_time, W, span)
     assert abs(came - kept) > 5.0 * _MISSED_FROM
 
     def is_missed(share):
-        return missed(PRIOR, MODEL, dead_time, W, span, kept + share * (came - kept))
+        return drive_lost(PRIOR, MODEL, dead_time, W, span, kept + share * (came - kept))
 
     assert [is_missed(share) for share in (0.0, 0.08, 0.12, 0.5, 1.0)] == [
         True,
@@ -276,8 +276,8 @@ def test_a_drive_was_missed_if_the_one_before_explains_nearly_all_that_is_off(de
     # What is off by next to nothing is no drive that was lost.
     for change, lost in ((0.9, False), (1.1, True)):
         small = Span(10.0, W0, 10.0 + 50.0 * change * _MISSED_FROM / abs(came - kept), W0)
-        still = moved(MODEL, dead_time, W, first_lasting(small))
-        assert missed(PRIOR, MODEL, dead_time, W, small, still) == lost
+        still = moved(MODEL, dead_time, W, with_first_only(small))
+        assert drive_lost(PRIOR, MODEL, dead_time, W, small, still) == lost
 
 
 @pytest.mark.parametrize(
@@ -287,10 +287,10 @@ def test_a_drive_was_missed_if_the_one_before_explains_nearly_all_that_is_off(de
 )  # fmt: skip
 def test_a_lost_drive_may_leave_a_tenth_along_the_error_and_three_tenths_across(left, lost):
     span, W = Span(10.0, W0, 60.0, W0), 0.4e-6 + 0j
-    kept = moved(MODEL, BUS, W, first_lasting(span))
+    kept = moved(MODEL, BUS, W, with_first_only(span))
     came = moved(MODEL, BUS, W, span)
     # From here ``left`` of the way from what was asked for is still to go to what was kept.
-    assert missed(PRIOR, MODEL, BUS, W, span, (kept - left * came) / (1.0 - left)) == lost
+    assert drive_lost(PRIOR, MODEL, BUS, W, span, (kept - left * came) / (1.0 - left)) == lost
 
 
 finite = st.floats(-1e4, 1e4)

@@ -20,7 +20,7 @@ from nodes_on_a_bus import GUARD_S
 from smarttac_can.device.frame import Frame
 from smarttac_can.host import kernel_filter
 from smarttac_can.host.can_socket import open_socket
-from smarttac_can.host.kernel_filter import drop, hear_only, hold_more
+from smarttac_can.host.kernel_filter import drop, enlarge_buffer, receive_only
 
 WIDTHS = (0x000, 0x001, 0x07F, 0x080, 0x0CC, 0x0CD, 0x0FF, 0x100, 0x7CC, 0x7FF)
 """Identifiers at the ends of what MessagePack writes in one, two and three bytes."""
@@ -47,7 +47,7 @@ def test_what_is_not_listened_to_or_is_blocked_does_not_reach_the_socket(
     sent = sorted({*WIDTHS, 0x100, 0x1C7, 0x1C8})
     with can.Bus(**multicast) as sender, can.Bus(**multicast) as receiver:
         if own is None:
-            hear_only(receiver, chosen)
+            receive_only(receiver, chosen)
         else:
             drop(receiver, chosen, own)
         for can_id in sent:
@@ -63,7 +63,7 @@ def test_another_choice_takes_the_place_of_the_first_and_too_many_of_all(
 ) -> None:
     with can.Bus(**multicast) as sender, can.Bus(**multicast) as receiver:
         for wanted in ({0x101}, {0x102}, set(range(0x200, 0x300))):
-            hear_only(receiver, wanted)
+            receive_only(receiver, wanted)
             for can_id in (0x101, 0x102, 0x200):
                 sender.send(can.Message(arbitration_id=can_id, is_extended_id=False))
             sender.send(LAST)
@@ -85,7 +85,7 @@ SHORT = {
 @pytest.mark.parametrize(
     ("frame", "choose"),
     [
-        (REVERSED, lambda bus: hear_only(bus, {0x080})),
+        (REVERSED, lambda bus: receive_only(bus, {0x080})),
         (SHORT, lambda bus: drop(bus, (), b"16 bytes, a mark")),
     ],
     ids=["written otherwise", "too short for an echo"],
@@ -135,7 +135,7 @@ class KernelFilters(SocketcanBus):
 def test_on_socketcan_it_is_the_filter_of_the_interface() -> None:
     bus = KernelFilters()
     for number in (200, 201, 0):
-        hear_only(bus, frozenset(range(number)))
+        receive_only(bus, frozenset(range(number)))
     few, *others = bus.asked
     assert [entry["can_id"] for entry in few or []] == list(range(200))
     assert others == [None, []]
@@ -143,9 +143,9 @@ def test_on_socketcan_it_is_the_filter_of_the_interface() -> None:
 
 def test_elsewhere_nothing_happens() -> None:
     with can.Bus("toy", "virtual") as bus, can.Bus("toy", "virtual") as other:
-        hear_only(bus, {1})
+        receive_only(bus, {1})
         drop(bus, {2})
-        hold_more(bus)
+        enlarge_buffer(bus)
         other.send(can.Message(arbitration_id=2, is_extended_id=False))
         assert bus.recv(GUARD_S) is not None
 
@@ -158,7 +158,7 @@ def test_the_kernel_holds_more(multicast: dict[str, Any]) -> None:
 
     with can.Bus(**multicast) as bus:
         before = room(bus)
-        hold_more(bus)
+        enlarge_buffer(bus)
         assert room(bus) > before
 
 
@@ -170,8 +170,8 @@ def test_an_interrupt_at_any_instruction_leaves_no_socket(multicast: dict[str, A
     def ended(instruction: int) -> bool:
         try:
             with interrupted(instruction, kernel_filter, socket):
-                hear_only(bus, (0x101,))
-                hold_more(bus)
+                receive_only(bus, (0x101,))
+                enlarge_buffer(bus)
         except KeyboardInterrupt:
             return False
         return True

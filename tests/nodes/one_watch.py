@@ -6,8 +6,8 @@ from smarttac_can.bench.simulation import stimulator_od
 from smarttac_can.nodes.bounds import (
     UNDRIVEN,
     cut,
-    noted,
     response_at,
+    with_drive,
 )
 from smarttac_can.nodes.parameters import cascade_parameters
 from smarttac_can.nodes.process_image import Measured
@@ -65,7 +65,7 @@ class Watch:
         """Have a drive go out as it is."""
         bound, vibration = self.plan.bound, self.state.vibration
         response = response_at(bound, vibration, hertz)
-        self.in_force = noted(self.in_force, Drive(volts, hertz), response, late)
+        self.in_force = with_drive(self.in_force, Drive(volts, hertz), response, late)
 
     def look(
         self,

@@ -17,7 +17,7 @@ from smarttac_can.trials.rig import Rig
 from smarttac_can.vocabulary.states import State
 from smarttac_can.vocabulary.watchdogs import Watchdog
 
-REFUSED = "not armed, as nobody would be missed: "
+REFUSED = "not armed: the commander is not supervised: "
 BOOT_UP, PREOP, STOPPED, OPERATIONAL = 0, 127, 4, 5
 SETPOINT = Frame(0x320, struct.pack("<HI", 2000, 4_339_000))
 
@@ -130,7 +130,7 @@ def test_another_time_for_a_watch_forgets_nothing_and_another_node_does(
 ) -> None:
     _, masters, present = watch()
     masters.heard(MASTER, OPERATIONAL)
-    masters.rewatch(MASTER << 16 | 30, other)
+    masters.consumer_changed(MASTER << 16 | 30, other)
     masters.heard(MASTER, BOOT_UP)
     assert present == ({Watchdog.HEARTBEAT} if gone else set())
 
@@ -138,7 +138,7 @@ def test_another_time_for_a_watch_forgets_nothing_and_another_node_does(
 def test_a_first_watch_does_not_stand_for_guarding_that_is_lost() -> None:
     _, masters, present = watch()
     masters.silent(0, True)
-    masters.rewatch(0, MASTER << 16 | 30)
+    masters.consumer_changed(0, MASTER << 16 | 30)
     assert present == {Watchdog.HEARTBEAT}
 
 
@@ -265,7 +265,7 @@ def test_the_plate_is_no_master_and_not_named_as_one_that_is_silent() -> None:
     for index, subindex in ((0x1016, 1), (0x1401, 5)):
         assert write_entry(rig, rig.od.entry(index, subindex), 0) == 0
     rig.cycle(500)
-    assert 0x21 in rig.stimulator.device.watched_in_time, "its heartbeat comes each 500 ms"
+    assert 0x21 in rig.stimulator.device.supervised_in_time, "its heartbeat comes each 500 ms"
     assert write(rig, "Controlword", 1) == STATE
     assert rig.od["Message"].value.startswith(f"{REFUSED}enter your heartbeat")
     for subindex in (1, 2, 3):

@@ -293,14 +293,14 @@ AUTO_ZERO = "AI auto-zero.AI auto-zero force x"
     ("command", "name", "raw", "code", "reason"),
     [
         (PREOP, "Mode", 1, STATE,
-         "Mode 1 needs NMT OPERATIONAL: start the node, it goes on with Mode 0"),
+         "Mode 1 needs NMT OPERATIONAL: start the node, then write Mode again"),
         (PREOP, "Controlword", 1, STATE,
          "not armed: the node is not in NMT OPERATIONAL, start it, and the gauges are not tared"
          ", lift the finger and tare"),
         (PREOP, "Simulation.Seed", 77, STATE,
-         "Simulation.Seed is an object of the plate node here"),
+         "Simulation.Seed is not simulated in this node: write it to the plate node"),
         (START, "Mode", 7, TOO_HIGH, "Mode 7 is above 6"),
-        (START, "Controlword", 0x40, VALUE, "Controlword 0040h has bits without a meaning"),
+        (START, "Controlword", 0x40, VALUE, "Controlword 0040h has unknown bits: 0087h are known"),
         (START, "Limit.Lowest frequency", 4_400_001, VALUE,
          "f_max 44000 is outside 44000..1e+06"),
         (START, "Limit.Highest frequency", 4_269_999, VALUE,
@@ -315,7 +315,7 @@ AUTO_ZERO = "AI auto-zero.AI auto-zero force x"
         (START, "Statusword", 0, READ_ONLY,
          "Statusword: abort 06010002: attempt to write a read only object"),
         (START, AUTO_ZERO, 1, VALUE,
-         "not tared: the value is not the signature 6F72657Ah, 'zero'"),
+         "not tared: the value 00000001h is not the signature 6F72657Ah, 'zero'"),
         (START, AUTO_ZERO, 0x6F72657A, STATE,
          "not tared: a tare needs 64 samples, 1 were seen"),
     ],
@@ -345,8 +345,16 @@ def test_a_refused_write_changes_nothing_and_the_message_says_why(
     [
         ("Controlword", 8, "Controlword 0008h"),
         (AUTO_ZERO, 0x6F72657A, "not tared: disarm first"),
-        ("Producer heartbeat time", 0, "Producer heartbeat time stays 500, as a drive is possible"),
-        ("Limit.Voltage", 15_001, "Limit.Voltage stays 15000, as a drive is possible: a higher"),
+        (
+            "Producer heartbeat time",
+            0,
+            "Producer heartbeat time 0 ms is refused, present value 500 ms: any but",
+        ),
+        (
+            "Limit.Voltage",
+            15_001,
+            "Limit.Voltage 150010 mV is refused, present value 150000 mV: a higher",
+        ),
         ("Store parameters.Save all parameters", 0x65766173, "parameters are not stored"),
     ],
 )

@@ -378,7 +378,7 @@ def test_who_is_not_watched_cannot_arm_and_is_told_why() -> None:
     loop.supervisor.command(0)
     with pytest.raises(Abort) as refused:
         loop.supervisor.command(ARM)
-    assert refused.value.reason == "not armed, as nobody would be missed: send a heartbeat"
+    assert refused.value.reason == "not armed: the commander is not supervised: send a heartbeat"
     loop.supervisor.supervised = True
     with pytest.raises(Abort) as refused:
         loop.supervisor.command(RUN)

@@ -210,7 +210,7 @@ def test_a_panel_that_is_killed_leaves_0_v(node: StimulatorNode, multicast: dict
             await shows(node, Mode.OPEN_LOOP)
             process.process.send_signal(signal.SIGKILL)
             await shows(node, Mode.OFF)
-            assert node.od["Message"].value == "the heartbeat of a watched node is lost"
+            assert node.od["Message"].value == "the heartbeat of a supervised node is lost"
 
         on_a_page(port, script)
 
