@@ -269,8 +269,8 @@ def load(
 ) -> None:
     """Write the values of a DCF to a device, and read them back; a refusal ends with exit code 1.
 
-    PDOs are written by the procedure of CiA 301.
-    Nothing is stored permanently: write 1010h for that.
+    PDOs are written by the procedure of CiA 301. Nothing is stored permanently: write 1010h for
+    that.
     """
     with reporting(json_file) as write_results:
         text = read_eds_file(file)

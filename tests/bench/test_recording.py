@@ -253,7 +253,7 @@ def test_without_the_tick_there_is_no_recording(virtual: dict[str, Any], tmp_pat
             device.write(cob_id, cob_id.default | 1 << 31)
         with (
             Stimulator.connect(**virtual, lockstep=True) as bench,
-            pytest.raises(BenchError, match=r"2 to 4 of node 32 do not map Contact\.Tick, without"),
+            pytest.raises(BenchError, match=r"2 to 4 of node 32 do not map Contact\.Tick, so lost"),
             bench.record(tmp_path / "run.h5"),
         ):
             pass
@@ -471,7 +471,7 @@ def test_the_raw_log_of_a_bus_that_no_second_handle_hears(
     # Each once, whether the bus echoes it or not.
     frames = written(raw)
     assert frames.count((0x620, False)) == frames.count((0x5A0, True)) == len(frames) / 2 >= 3
-    assert recording.raw_note.startswith("" if echoes else "this interface does not hear")
+    assert recording.raw_note.startswith("" if echoes else "this interface does not echo")
     assert bool(recording.raw_note) is not echoes
 
 

@@ -102,5 +102,5 @@ def test_a_string_that_is_broken_all_the_time(
         monkeypatch.context() as patch,
     ):
         patch.setattr("smarttac_can.master.sdo_client._PAUSES_S", ())
-        with pytest.raises(BenchError, match="another SDO client talks to node 32"):
+        with pytest.raises(BenchError, match="another SDO client keeps node 32 busy"):
             assert bench.message

@@ -77,7 +77,8 @@ def when_it_answers(bench: Stimulator) -> State:
 
 def test_stimulator_process_paused_and_continued(nodes: tuple[NodeProcess, NodeProcess]) -> None:
     _, node = nodes
-    with connect() as bench, can.Bus(channel=CHANNEL, interface="socketcan") as bus:
+    # With patience: a process that was paused has much to hear.
+    with connect(10.0) as bench, can.Bus(channel=CHANNEL, interface="socketcan") as bus:
         drive(bench, Mode.OPEN_LOOP)
         node.process.send_signal(signal.SIGSTOP)
         sync = can.Message(arbitration_id=SYNC_ID, is_extended_id=False)

@@ -48,10 +48,13 @@ def stage_voltage() -> int:
         network.disconnect()
 
 
-def connect() -> Stimulator:
-    """Connect with patience: a process that was paused has much to hear."""
+def connect(timeout: float = 3.0) -> Stimulator:
     return Stimulator.connect(
-        interface="socketcan", channel=CHANNEL, plate_node_id=PLATE_ID, lockstep=True, timeout=10.0
+        interface="socketcan",
+        channel=CHANNEL,
+        plate_node_id=PLATE_ID,
+        lockstep=True,
+        timeout=timeout,
     )
 
 
