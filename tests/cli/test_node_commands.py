@@ -131,6 +131,10 @@ def test_an_eds_whose_loop_carries_something_else(tmp_path: Path) -> None:
     path.write_text(text.replace(first, "@").replace(second, first).replace("@", second))
     said = refusal("node", *VIRTUAL, "--eds", path)
     assert "Gauge.S1 and Plate input.S2 are mapped at the same place" in said
+    head, section, tail = text.partition("[1606sub0]\n")
+    path.write_text(head + section + tail.replace("DefaultValue=5", "DefaultValue=4", 1))
+    said = refusal("node", *VIRTUAL, "--eds", path)
+    assert "the PDOs of the loop carry different numbers of objects" in said
 
 
 def test_an_eds_whose_defaults_contradict_each_other(tmp_path: Path) -> None:

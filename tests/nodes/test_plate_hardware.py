@@ -127,7 +127,14 @@ def test_a_mapping_that_comes_while_the_stage_is_in_use_ends_that() -> None:
 
 def test_a_mapping_that_carries_neither_input_is_none() -> None:
     line, plate = configured(0x0005_0008)
-    assert cycle(line, plate, 20) == 20
+    assert cycle(line, plate, 20, says(enable=0)) == 20
+
+
+def test_enable_alone_lets_a_stage_drive_that_nobody_reads_back() -> None:
+    line, plate = configured(ENABLE)
+    for volts in (0, 20, 20, 20, 20, 20):
+        assert cycle(line, plate, volts, says(volts=99)) == volts
+    assert cycle(line, plate, 20, says(enable=0)) == 0
 
 
 def test_enable_lets_the_stage_drive_and_ends_it_between_two_cycles() -> None:

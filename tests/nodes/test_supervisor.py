@@ -217,6 +217,9 @@ def test_a_message_about_something_else_stays() -> None:
     loop = Loop()
     loop.come(Watchdog.BUS_OFF)
     loop.od["Message"].value = "about something else"
+    loop.come(Watchdog.DOUBLE)
+    loop.od["Message"].value = "about something else"
+    loop.go(Watchdog.DOUBLE)
     loop.go(Watchdog.BUS_OFF)
     loop.cycle()
     loop.supervisor.command(ARM)
@@ -385,6 +388,19 @@ def test_who_is_not_watched_cannot_arm_and_is_told_why() -> None:
     assert refused.value.reason == (
         "Controlword 0002h is refused in state ready: write 0, then 1 (arm), then 3 (run)"
     )
+    loop.supervisor.command(ARM)
+
+
+def test_nobody_arms_before_the_first_cycle_after_a_start() -> None:
+    loop = Loop()
+    loop.supervisor.leave()
+    loop.supervisor.enter()
+    with pytest.raises(Abort) as refused:
+        loop.supervisor.command(ARM)
+    assert refused.value.reason == (
+        "not armed: no cycle was measured since the node was started, see that the plate runs"
+    )
+    loop.cycle()
     loop.supervisor.command(ARM)
 
 
