@@ -197,6 +197,15 @@ def test_frames_of_other_nodes_are_not_heard() -> None:
     assert heard([Frame(0x620, b"\x23"), Frame(0x5A0, b"")]) == []
 
 
+def test_an_upload_beside_a_block_download_is_none_and_leaves_it() -> None:
+    upload = [frame(f"{text} 01 20 02 00 00 00 00") for text in ("620 40", "5A0 41")]
+    upload += [frame(f"{text} 00 00 00 00 00 00 00") for text in ("620 70", "5A0 20", "5A0 A3")]
+    assert heard(upload) == []
+    begun, *rest = block_frames(LONG_DATA)
+    (taken,) = heard([begun, rest[0], *upload[1:2], *upload[3:], *rest[1:]])
+    assert taken == ((0x2061, 1), LONG_DATA)
+
+
 def test_what_was_not_heard_is_missing() -> None:
     frames = block_frames(LONG_DATA)
     (taken,) = heard([*frames[:8], *frames[9:]])

@@ -75,15 +75,23 @@ class Server(canopen.Network):  # type: ignore[misc]  # python-canopen is untype
         "0100000000000000",
         "8001200000000305",
         "8001200000000405",
+        "",
     ],
     ids=[
         *("a read", "a write", "a write of the same", "a refusal", "a segment"),
-        *("a toggle error of the same", "a time-out of the same"),
+        *("a toggle error of the same", "a time-out of the same", "nothing"),
     ],
 )
 def test_answers_to_others_are_not_taken(foreign: str) -> None:
     client = SharedSdoClient(Server(foreign, "4F01200005000000"), 32, 0.0)
     assert client.upload(0x2001, 0) == b"\x05"
+
+
+def test_the_refusal_of_its_own_request_is_not_repeated() -> None:
+    server = Server("8001200001000106")
+    with pytest.raises(canopen.SdoAbortedError) as refused:
+        SharedSdoClient(server, 32, 0.0).upload(0x2001, 0)
+    assert (refused.value.code, server.requests) == (0x06010001, 1)
 
 
 def test_a_string_that_is_broken_all_the_time(
