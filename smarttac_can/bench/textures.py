@@ -381,7 +381,13 @@ def profile_point(point: object) -> tuple[float, float]:
 
 
 def over_time(points: list[tuple[float, float]], repeats: bool) -> TextureTable:
-    """Return the table through points (time in s, COF), in steps of a multiple of 1 ms."""
+    """Return the table through points (time in s, COF), in steps of a multiple of 1 ms.
+
+    Raises
+    ------
+    ValueError
+        If there is one point only, a time falls, or a time or a COF is outside its bounds.
+    """
     if len(points) < _LEAST_POINTS:
         raise ValueError(
             f"a profile goes through 2 points (time in s, COF) or more, not {len(points)}"

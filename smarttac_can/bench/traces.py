@@ -185,6 +185,11 @@ class Trace:
             Rows of tick in ms, COF and its reference in 1e-4, amplitude in 0.1 nm, voltage in
             10 mV, frequency in 0.01 Hz, tangential and normal force in mN; optionally position in
             0.01 mm and statusword.
+
+        Raises
+        ------
+        ValueError
+            If the rows differ in length.
         """
         if len({len(row) for row in rows}) > 1:
             raise ValueError(f"the rows of {experiment} differ in length")

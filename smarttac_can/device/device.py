@@ -346,6 +346,11 @@ class Device:
             Bits of the error register, 0..255; the generic bit is added.
         vendor
             Manufacturer-specific bytes, up to 5; the first two also go into the error history.
+
+        Raises
+        ------
+        ValueError
+            If one of them is outside its bounds.
         """
         if code not in _CODES:
             raise ValueError(f"code {code} is outside 1..65535")

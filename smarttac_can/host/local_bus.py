@@ -147,6 +147,11 @@ class LocalBus:
         ----------
         microseconds
             Time in us, 0 or more. If it is not a multiple of 1000 us, the last step is shorter.
+
+        Raises
+        ------
+        ValueError
+            If it is below 0.
         """
         if microseconds < 0:
             raise ValueError(f"microseconds {microseconds} is below 0")

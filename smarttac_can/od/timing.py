@@ -49,6 +49,11 @@ def frame_bits(data_bytes: int) -> int:
     data_bytes
         Number of data bytes, 0..8.
 
+    Raises
+    ------
+    ValueError
+        If there are fewer or more.
+
     Notes
     -----
     47 fixed bits including the 3 of the interframe space, of which the 34 before the CRC delimiter
@@ -84,6 +89,11 @@ def cyclic_frames(ods: Iterable[ObjectDictionary], sync_period: float) -> list[C
     sync_period
         Time between two SYNCs in s, above 0. It is also the assumed period of type 0 and of
         event-driven TPDOs that have neither inhibit time nor event timer.
+
+    Raises
+    ------
+    ValueError
+        If `sync_period` is not above 0.
     """
     if sync_period <= 0:
         raise ValueError(f"sync_period {sync_period} is not above 0")

@@ -67,7 +67,13 @@ _ACROSS_MM = 16.0
 
 
 def fig2(traces: Iterable[Trace]) -> Figure:
-    """Draw the friction left at each amplitude: a point per subject, the mean in red (Fig. 2)."""
+    """Draw the friction left at each amplitude: a point per subject, the mean in red (Fig. 2).
+
+    Raises
+    ------
+    UndefinedError
+        If there are no traces of it.
+    """
     traces = list(traces)
     amplitudes, subjects = friction_amplitudes(traces), subjects_of(traces, "fig2")
     if not subjects:
@@ -188,6 +194,11 @@ def fig7(traces: Iterable[Trace], law: str) -> Figure:
         Traces of the runs.
     law
         Name of their friction law, for the title.
+
+    Raises
+    ------
+    UndefinedError
+        If there are no traces of Table I.
     """
     traces = list(traces)
     subjects = subjects_of(traces, "table1")

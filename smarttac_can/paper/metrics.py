@@ -7,10 +7,7 @@ Definitions
 * A *touch* is one crossing of the boundary: the curve of mu cut around the tick at which the
   reference switches. Touches with a lost tick, a lost contact or a second switch in the window
   are dropped and counted.
-* *Levels* of a step are the means of the curve itself before the switch and from 40 ms after it.
-  Rise time (10 to 90 %) and overshoot are taken in % of the step between these levels, as the
-  state levels of IEEE 181; the distance of the levels to the references is the static error. So
-  the three numbers are independent of each other.
+* Levels, rise time and overshoot of a step are those of `smarttac_can.population.steps`.
 * Table I is the up-step of the mean curve, since noise of mu biases the values of single touches;
   these, and down-steps, are reported beside it.
 
@@ -126,6 +123,11 @@ def voltage_difference_percent(amplitude_only: Trace, both_loops: Trace) -> floa
     100 % is the voltage with both loops.
 
     The paper's "about 30 %" is interpreted in this direction: 30 % more off resonance.
+
+    Raises
+    ------
+    UndefinedError
+        If a trace ends without a voltage, or with lost ticks.
     """
     base = final_mean(both_loops, both_loops.voltage_v)
     if base <= 0:

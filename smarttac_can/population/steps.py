@@ -67,6 +67,11 @@ def rise_time(step: Step) -> float:
     """Return the time in ms from 10 % to 90 % of the step, up or down, interpolated linearly.
 
     The rise begins at the last passage of 10 % before the first passage of 90 % after the switch.
+
+    Raises
+    ------
+    UndefinedError
+        If the curve does not pass both.
     """
     share = step.normalised()
     passes = (share[:-1] < _RISEN) & (share[1:] >= _RISEN) & (step.time_ms[1:] > 0)
