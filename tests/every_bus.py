@@ -39,7 +39,7 @@ ALIKE: Final = read_once(RICH, NODE_ID)
 VALUE, COB_ID = ALIKE.entry(0x2100, 1), ALIKE.entry(0x1400, 1)
 
 
-def receive_only(line: Line, can_id: int, count: int) -> list[Frame]:
+def received_of(line: Line, can_id: int, count: int) -> list[Frame]:
     """The next frames with an identifier, past whatever else is on the bus."""
     found: list[Frame] = []
     while len(found) < count:
@@ -95,9 +95,9 @@ def test_lockstep_is_moved_by_sync_and_by_nothing_else(line: Line) -> None:
     seen = []
     for _ in range(20):
         line.send(SYNC)
-        seen += receive_only(line, AT_SYNC + 1, 1)
+        seen += received_of(line, AT_SYNC + 1, 1)
         line.send(Frame(REQUEST + 1))
-        receive_only(line, REPLY + 1, 1)
+        received_of(line, REPLY + 1, 1)
     assert times(seen) == [1000 * k for k in range(1, 21)]
     assert node.advances == [1000] * 20
 
@@ -115,10 +115,10 @@ def test_lockstep_timer_falls_due_before_the_answer_to_sync(line: Line) -> None:
 def test_real_time_moves_by_the_clock_and_not_by_sync(line: Line) -> None:
     node = ToyNode()
     line.run(node, lockstep=False)
-    first = times(receive_only(line, TICKER + 1, 3))
+    first = times(received_of(line, TICKER + 1, 3))
     for _ in range(50):
         line.send(SYNC)
-    at_sync = times(receive_only(line, AT_SYNC + 1, 50))
+    at_sync = times(received_of(line, AT_SYNC + 1, 50))
     line.stop()
     assert [t // TICKER_US for t in first] == sorted({t // TICKER_US for t in first})
     assert at_sync == sorted(at_sync)

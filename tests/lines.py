@@ -15,7 +15,7 @@ from smarttac_can.host.runner import run_node
 
 
 class LocalLine:
-    """A master and toy nodes on a `LocalBus`."""
+    """A master and nodes on a `LocalBus`."""
 
     def __init__(self) -> None:
         self.bus = LocalBus()
@@ -45,7 +45,7 @@ class LocalLine:
 
 
 class PythonCanLine:
-    """The same, each party with a connection of its own and each node in a thread."""
+    """A master and nodes on a bus of python-can, each with a connection, nodes in threads."""
 
     def __init__(self, connect: Callable[[], PythonCanBus]) -> None:
         self.connect = connect

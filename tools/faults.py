@@ -2,7 +2,7 @@
 
     python tools/faults.py [--check] [--hold CYCLES] [--log LOG --json ROWS]
 
-A check holds each fault for 1000 cycles unless given, a table is made with 10 000. Either
+A check holds each fault for 1000 cycles by default, a table is made with 10 000. Either
 also fails if a watchdog trips in no row of a mode. LOG and ROWS are for `smarttac faults --verify`.
 
 Example: python tools/faults.py --check --hold 200

@@ -44,7 +44,7 @@ from smarttac_can.trials.workers import in_order
 
 SUMMARY = Path(__file__).resolve().parent / "fmeda.json"
 COARSE_SEED = 1
-"""That of `smarttac fmeda` unless given."""
+"""Default seed of `smarttac fmeda`."""
 JOBS = os.cpu_count() or 1
 SOFTENINGS = (60.0, 150.0)
 """Of the plates in Hz/um."""

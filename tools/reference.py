@@ -210,12 +210,12 @@ def _where(place: Place) -> str:
     return where
 
 
-def _stricter(laxer: Table) -> Iterator[str]:
-    """List what a write does not make laxer under a drive."""
+def _relaxing(rules: Table) -> Iterator[str]:
+    """List what a write does not relax under a drive."""
     return table(
-        ("Object", "Laxer is"),
-        *((f"`{name}`", rule.text) for name, rule in laxer.by_name.items()),
-        *((_where(place), place.rule.text) for place in laxer.by_index),
+        ("Object", "Refused is"),
+        *((f"`{name}`", rule.text) for name, rule in rules.by_name.items()),
+        *((_where(place), place.rule.text) for place in rules.by_index),
     )
 
 
@@ -276,8 +276,8 @@ def safety() -> Pages:
             "watchdogs": columns(head, watchdogs),
             "forgotten": f"{FORGOTTEN}",
             "one_more": f"{FORGOTTEN + 1}",
-            "stimulator_limits": _stricter(OF_STIMULATOR),
-            "plate_limits": _stricter(OF_PLATE),
+            "stimulator_limits": _relaxing(OF_STIMULATOR),
+            "plate_limits": _relaxing(OF_PLATE),
             "stage": _stage(),
         },
     )

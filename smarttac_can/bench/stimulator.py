@@ -398,6 +398,10 @@ class Stimulator(NamedObjects):
             If a fault is latched.
         NotReadyError
             If something required is missing, or a fault is present.
+        NotRunningError
+            If the loop gives no cycles.
+        BenchError
+            If another bench is the commander, or the bus or a node is lost.
         """
         # After a bench was killed, its missing heartbeat is a fault that is present. The heartbeat
         # of this bench clears it.
@@ -476,7 +480,7 @@ class Stimulator(NamedObjects):
         BusyError
             If another thread is running the loop.
         BenchError
-            If another bench is the commander.
+            If another bench is the commander, or the bus or a node is lost.
         """
         self._link.drive()
         self._link.run(TARE_SAMPLES, [])
@@ -510,9 +514,11 @@ class Stimulator(NamedObjects):
         BusyError
             If another thread is running the loop.
         BenchError
-            If the plate could not be identified, or another bench is the commander.
+            If the plate could not be identified, another bench is the commander, or the bus or a
+            node is lost.
         """
         self.mode = Mode.IDENTIFY
+        reason = "it was stopped"
         for _ in range(_IDENTIFY_LIMIT):
             self._link.run(_IDENTIFY_CYCLES, [])
             if progress is not None:
@@ -520,12 +526,13 @@ class Stimulator(NamedObjects):
             found = self._link.read("Model.State")
             if found != IdentificationState.RUNNING or self.state is not State.RUNNING:
                 break
+        else:
+            reason = f"no end within {_IDENTIFY_LIMIT * _IDENTIFY_CYCLES} cycles"
         self.disarm()
         self._require_no_fault(self.state)
         if found != IdentificationState.DONE:
-            reason = self.message or f"no end within {_IDENTIFY_LIMIT * _IDENTIFY_CYCLES} cycles"
             raise BenchError(
-                f"the plate could not be identified ({reason}): lift "
+                f"the plate could not be identified ({self.message or reason}): lift "
                 "the finger, tare, and see that the limits of the frequency include the resonance"
             )
         return PlateModel(
@@ -620,8 +627,8 @@ class Stimulator(NamedObjects):
         RunInterruptedError
             On Ctrl-C, between two cycles.
 
-        All these errors but the first and BusyError disarm, unless this bench only reads. Their
-        `trace` holds what was recorded until then.
+        The last four errors disarm, unless this bench only reads. Their `trace` holds what was
+        recorded until then, or is None.
         """
         require_labels(experiment, subject)
         knew_fault = self._knows_fault

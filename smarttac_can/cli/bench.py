@@ -341,7 +341,7 @@ def watch(*, at: StimulatorChoice, drive: bool, no_sdo: bool) -> None:
     """Show a stimulator live in the terminal: friction, drive, state, faults, counts and bus.
 
     It listens to what the nodes publish, and reads by SDO, seldom and one object at a time, what
-    they do not. With --drive it is a bench of its own, watched by its heartbeat: Esc disarms.
+    they do not. With --drive it is a bench of its own, supervised by its heartbeat: Esc disarms.
     """
     if drive and no_sdo:
         raise click.UsageError("--drive writes by SDO: leave out --no-sdo")

@@ -323,7 +323,7 @@ def doc(file: Path, output: Path | None) -> None:
 @eds.command(epilog="Example: smarttac eds dbc stimulator --node-id 32 --output run.dbc")
 @eds_file
 @click.option(
-    "--node-id", type=NODE_ID, default=1, show_default=True, help="Node-ID that the names are for."
+    "--node-id", type=NODE_ID, default=1, show_default=True, help="Node-ID of the device."
 )
 @_output_option
 @force_option()

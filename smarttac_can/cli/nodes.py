@@ -128,8 +128,8 @@ class StateLines(Observer):
         if rate is not None and rate != self._bit_rate:
             self._bit_rate = rate
             self._write(
-                f"{self._title} {rate} kbit/s by LSS: the bus here stays as it is, restart with "
-                f"--bitrate {1000 * rate}"
+                f"{self._title} {rate} kbit/s by LSS: the bus here stays as it is, set its bit "
+                "rate and restart"
             )
         if self._device.collision != self._collision:
             self._collision = self._device.collision

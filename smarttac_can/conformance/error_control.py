@@ -241,7 +241,7 @@ def new_period(examiner: Examiner) -> None:
 @case(
     _hb,
     6,
-    "7.2.8.2.2.2: a watched node is missed after its first heartbeat, by EMCY 8130h.",
+    "7.2.8.2.2.2: a supervised node is missed after its first heartbeat, by EMCY 8130h.",
     needs_consumer,
     needs_emcy,
 )
@@ -256,7 +256,7 @@ def consumer(examiner: Examiner) -> None:
 @case(
     _hb,
     7,
-    "7.5.2.19: a node that is watched already is refused by 06040043h.",
+    "7.5.2.19: a node that is supervised already is refused by 06040043h.",
     needs_consumer,
     needs_object(HEARTBEAT_CONSUMER, 2, writable=True),
 )
@@ -331,7 +331,7 @@ def no_life_guarding(examiner: Examiner) -> None:
     examiner.silence(emcy_id(examiner), "EMCY of life guarding", LIFE_TIME_S + examiner.timeout)
 
 
-@case(_both, 5, "7.2.8.3.3: whatever runs, a reset is followed by one boot-up first.")
+@case(_both, 5, "7.2.8.3.3: whatever runs, the first frame after a reset is one boot-up.")
 def boot_up_with_heartbeat(examiner: Examiner) -> None:
     """Boot-up with error control on."""
     set_period(examiner)

@@ -1,4 +1,4 @@
-"""Data sheet (EDS); identity, storage, error behaviour and restricted CAN-IDs (OTHER)."""
+"""EDS file; identity, storage, error behaviour and restricted CAN-IDs (OTHER)."""
 
 from __future__ import annotations
 
@@ -62,8 +62,8 @@ _has_restore = needs_object(RESTORE_DEFAULTS, 1)
     1,
     "CiA 306: nothing in it is odd, and 1000h, 1001h, 1018h and an identity are there.",
 )
-def data_sheet(examiner: Examiner) -> None:
-    """Data sheet."""
+def eds_file(examiner: Examiner) -> None:
+    """EDS file."""
     # The notation of units in names is a convention of this package, not a rule for EDS files.
     faults = [w for w in examiner.sheet.od.warnings if not w.endswith(UNIT_NOT_KNOWN)]
     for index in (DEVICE_TYPE, ERROR_REGISTER, IDENTITY):

@@ -68,7 +68,7 @@ class DeviceTimeBus:
 
 
 GROUPS: Final = {
-    "EDS": "Data sheet",
+    "EDS": "EDS file",
     "SDO": "SDO server",
     "PDO": "Process data",
     "OD": "Object dictionary",

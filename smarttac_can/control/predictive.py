@@ -444,7 +444,7 @@ def _held_back(belief: Belief, by_rate: float, by_w0: float) -> float:
     return pole if pole > LEAST_POLE else LEAST_POLE
 
 
-class Prior(NamedTuple):
+class PlantPrior(NamedTuple):
     """Knowledge before the first measurement: the model, and the dead time."""
 
     kappa: float
@@ -452,6 +452,7 @@ class Prior(NamedTuple):
     tau: float
     """Time constant of the bare plate in s."""
     load: float
+    """Damping of the finger that the model expects, as `PlateModel.load`."""
     f0: float
     """Resonance in Hz."""
     temperature: float
@@ -485,7 +486,7 @@ class Learned(NamedTuple):
     """Plate temperature in degC, filtered; NaN before the first plausible one."""
 
 
-def unlearned(prior: Prior) -> Learned:
+def unlearned(prior: PlantPrior) -> Learned:
     """Return the state before the first measurement."""
     rate = decay_rate(prior.load, prior.tau, 0.0)
     plate = PlateNow(prior.kappa, rate, TWO_PI * prior.f0, prior.softening)
@@ -493,7 +494,7 @@ def unlearned(prior: Prior) -> Learned:
 
 
 def observed(
-    prior: Prior, learned: Learned, W: complex, drive: Drive, Fn: float, temperature: float
+    prior: PlantPrior, learned: Learned, W: complex, drive: Drive, Fn: float, temperature: float
 ) -> Learned:
     """Return the state after the measurement of a tick.
 
@@ -546,7 +547,7 @@ def resonance_of(learned: Learned) -> float:
     return (plate.w0 - plate.softening * abs(learned.W)) / TWO_PI
 
 
-def asked_voltage(prior: Prior, learned: Learned, W_ref: float, frequency: float) -> float:
+def asked_voltage(prior: PlantPrior, learned: Learned, W_ref: float, frequency: float) -> float:
     """Return the voltage in V, before its limits.
 
     After a single measurement it is the voltage in force, as two are needed to know its effect.
@@ -569,8 +570,8 @@ def asked_voltage(prior: Prior, learned: Learned, W_ref: float, frequency: float
     return voltage_for(learned.plate, learned.belief, prior.dead_time, learned.W, span, W_ref)
 
 
-def prior_of(model: PlateModel, dead_time: float) -> Prior:
+def prior_of(model: PlateModel, dead_time: float) -> PlantPrior:
     """Return the knowledge about a plate from its model."""
     m = model
     softening = TWO_PI * m.softening
-    return Prior(m.gain / m.tau, m.tau, m.load, m.f0, m.temperature, softening, dead_time)
+    return PlantPrior(m.gain / m.tau, m.tau, m.load, m.f0, m.temperature, softening, dead_time)

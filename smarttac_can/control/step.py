@@ -39,7 +39,7 @@ from smarttac_can.control.friction import (
 from smarttac_can.control.parameters import CascadeParameters
 from smarttac_can.control.predictive import (
     Learned,
-    Prior,
+    PlantPrior,
     asked_voltage,
     interrupted,
     observed,
@@ -157,7 +157,7 @@ class ControlPlan(NamedTuple):
     """Gains for the bare plate."""
     rows: Sequence[Sequence[float]]
     """Gains for the plate under a finger; `row_of` gives the row for a force."""
-    prior: Prior
+    prior: PlantPrior
     gain: float
     """Gain of the bare plate at its resonance in m/V."""
     V_max: float
@@ -325,7 +325,7 @@ def adopted(before: ControlPlan, plan: ControlPlan, state: ControlState) -> Cont
     return state
 
 
-def _design_of(plan: ControlPlan) -> tuple[int, Gains, Sequence[Sequence[float]], Prior]:
+def _design_of(plan: ControlPlan) -> tuple[int, Gains, Sequence[Sequence[float]], PlantPrior]:
     return plan.vibration_law, plan.bare, plan.rows, plan.prior
 
 

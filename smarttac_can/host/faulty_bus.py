@@ -397,7 +397,13 @@ class FaultyBus(LocalBus):
         self._stations[port].clock_runs = True
 
     def jump(self, port: Connection, microseconds: int) -> None:
-        """Advance the clock of a node at once, by 0 or more us; less raises ValueError."""
+        """Advance the clock of a node at once, by 0 or more us.
+
+        Raises
+        ------
+        ValueError
+            If it is below 0.
+        """
         if microseconds < 0:
             raise ValueError(f"microseconds {microseconds} is below 0")
         self._send(port, self._stations[port].advance(microseconds))
@@ -406,8 +412,12 @@ class FaultyBus(LocalBus):
         """Let a faulty node send 8 bytes that many times in every cycle; 0 ends it.
 
         Frames of a lower priority that no longer fit into a cycle wait for the next one. SYNC is
-        never delayed here; use `FrameFault.LOSS` to lose it. A number below 0, and an identifier
-        that is none, raise ValueError.
+        never delayed here; use `FrameFault.LOSS` to lose it.
+
+        Raises
+        ------
+        ValueError
+            If `frames` is below 0, or `can_id` is outside 0..7FFh.
         """
         if frames < 0:
             raise ValueError(f"frames {frames} is below 0")

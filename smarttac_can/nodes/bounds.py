@@ -16,11 +16,11 @@ pulses that are too short for the vibration to settle. Before an identification 
 unknown: the bound from above then assumes that the plate is driven at its resonance, and the bound
 from below uses the phase that the pick-up reads.
 
-`follow` steps the bounds with a measurement, `put_out` with the drive that answers it. The bounds
-assume that a drive is in force from its measurement to the next one, whatever the dead time is. In
-fact a drive may take effect anywhere in its cycle, so the comparisons with the model use the larger
-or the smaller of two consecutive voltages. After late drives the bounds use the largest and the
-smallest voltage of all drives that may be in force.
+`follow` steps the bounds with a measurement, `cut_and_record` with the drive that answers it. The
+bounds assume that a drive is in force from its measurement to the next one, whatever the dead time
+is. In fact a drive may take effect anywhere in its cycle, so the comparisons with the model use the
+larger or the smaller of two consecutive voltages. After late drives the bounds use the largest and
+the smallest voltage of all drives that may be in force.
 """
 
 from __future__ import annotations
@@ -260,7 +260,7 @@ def follow(
     )
 
 
-def put_out(
+def cut_and_record(
     plan: BoundPlan, vibration: Vibration, in_force: InForce, drive: Drive, late: bool
 ) -> tuple[InForce, Drive]:
     """Cut the voltage of a drive, and record the drive as in force.

@@ -121,7 +121,7 @@ class FrontEnd:
                 voltage = number.real
             if not abs(voltage - drive.voltage) <= STAGE_TOLERANCE:
                 self._doubt(
-                    f"{call} returned {_shown(read_back)}, not within {STAGE_TOLERANCE:g} V"
+                    f"{call} returned {_shown(read_back)}, no number within {STAGE_TOLERANCE:g} V"
                 )
         self._slowest = max(self._slowest, self._plate.took_us)
         self._commanded = drive.voltage

@@ -87,6 +87,8 @@ class Table(NamedTuple):
     """Rules by object or record name; the name of an object precedes that of its record."""
     by_index: tuple[Place, ...]
     """Rules for SYNC, guarding, heartbeats, and the PDOs of a drive."""
+    condition: str
+    """When the rules apply, and what ends that."""
 
 
 def _wiring(communication: int, pdos: Sequence[int]) -> Place:
@@ -125,6 +127,7 @@ OF_STIMULATOR: Final = Table(
         Place(RPDO_COMMUNICATION, _LAST_RPDO, LONGER, (PDO_EVENT,)),
         _wiring(TPDO_COMMUNICATION, (DRIVE_TPDO,)),
     ),
+    "while armed or running; disarm first",
 )
 """Rules of the stimulator while armed or running. They do not cover its public TPDOs."""
 OF_PLATE: Final = Table(
@@ -136,6 +139,7 @@ OF_PLATE: Final = Table(
         Place(_DRIVE, _DRIVE, HIGHER, (PDO_EVENT,)),
         _wiring(TPDO_COMMUNICATION, MEASUREMENT_TPDOS),
     ),
+    "while the stage is in use; disarm, and take the plate out of OPERATIONAL",
 )
 """Rules of the plate while its power stage is in use."""
 
@@ -157,6 +161,7 @@ class Lock:
     """
 
     def __init__(self, od: ObjectDictionary, table: Table) -> None:
+        self._condition = table.condition
         self.rules: dict[Entry, Rule] = {}
         for entry in od:
             by_name = table.by_name
@@ -175,5 +180,5 @@ class Lock:
             raise Abort(
                 AbortCode.STATE,
                 f"{entry.name} {entry.shown(value)} is refused, present value "
-                f"{entry.shown(entry.value)}: {rule.text} needs a plate at 0 V; disarm first",
+                f"{entry.shown(entry.value)}: {rule.text} is refused {self._condition}",
             )

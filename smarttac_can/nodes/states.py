@@ -195,7 +195,7 @@ class StageState(Enum):
     """States of the power stage; only IN_USE may have a voltage."""
 
     WAITING = "0 V; ignores voltages until a drive of 0 V has come, as after the start"
-    TRIPPED = "as WAITING, after it went to 0 V by itself while it was in use"
+    TRIPPED = "as *waiting*, after it went to 0 V by itself while it was in use"
     FREE = "0 V; accepts a voltage"
     IN_USE = "has accepted a voltage, and stays in use at drives of 0 V"
 

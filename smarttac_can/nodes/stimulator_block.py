@@ -420,7 +420,7 @@ class StimulatorBlock:
                 raise Abort(
                     AbortCode.STATE,
                     f"{entry.name} {entry.shown(value)} is refused: it could hide a force that is "
-                    "a fault; disarm first, and take the force away",
+                    "a fault; take the force away first",
                 )
             cascade = self.cascade
             self._plans = self._built(cascade.model, cascade.zero, entry, value)

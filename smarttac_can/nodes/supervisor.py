@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import Final, NamedTuple
 
 from smarttac_can.control.cascade import Cascade
-from smarttac_can.nodes.bounds import UNDRIVEN, InForce, put_out
+from smarttac_can.nodes.bounds import UNDRIVEN, InForce, cut_and_record
 from smarttac_can.nodes.process_image import Measured
 from smarttac_can.nodes.states import Event, Guard, StateMachine
 from smarttac_can.nodes.watches import Seen, WatchPlan, WatchState, at_rest, watch_step
@@ -269,7 +269,9 @@ class Supervisor:
         self.observe(faults, CYCLIC)
         if self.machine.state is not _RUNNING:
             asked = Drive(0.0, self._safe_frequency(asked.frequency))
-        self.in_force, drive = put_out(plan.bound, self.watch.vibration, self.in_force, asked, late)
+        self.in_force, drive = cut_and_record(
+            plan.bound, self.watch.vibration, self.in_force, asked, late
+        )
         return drive
 
     def observe(self, faults: int, watchdogs: int) -> None:

@@ -71,7 +71,7 @@ def rise_time(step: Step) -> float:
     Raises
     ------
     UndefinedError
-        If the curve does not pass both.
+        If the curve does not pass both, or as `Step.normalised` does.
     """
     share = step.normalised()
     passes = (share[:-1] < _RISEN) & (share[1:] >= _RISEN) & (step.time_ms[1:] > 0)

@@ -375,8 +375,8 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         lasting=False,
     ),
     Watchdog.DOUBLE: WatchdogRow(
-        "another node sends with an identifier of this one or of its plate: two have one node-ID, "
-        "give one of them another by LSS or --node-id; clear 3 s after the last such frame",
+        "another node sends with an identifier of this one or of its plate: two have one node-ID; "
+        "clear 3 s after the last such frame",
         FaultCode.DOUBLE, _COMMUNICATION, 1,
         "one frame is enough, and the plate reports its own; without a plate that does, as many "
         "measurements beyond one a SYNC as the deadline has ms, in twice as many SYNCs and 2: one "
@@ -385,7 +385,7 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         ": one less is what SYNCs that were not received may leave in each. A "
         "measurement that a window lets pass is not answered",
         _DEADLINE,
-        remedy="give one of the two nodes another node-ID",
+        remedy="give one of the two nodes another node-ID, by LSS or --node-id",
         looks_at="identifiers of this node, emergency messages of the plate, measurements a SYNC",
         shown=True,
     ),

@@ -418,6 +418,12 @@ def test_identify_says_that_a_finger_is_on_the_plate(bench: Stimulator) -> None:
     assert bench.read().voltage == 0.0
 
 
+def test_identify_says_that_somebody_stopped_it(bench: Stimulator) -> None:
+    bench.run(0.07)
+    with pytest.raises(BenchError, match=r"could not be identified \(it was stopped\)"):
+        bench.identify(lambda _progress: bench.disarm())
+
+
 def test_identify_says_that_a_fault_ended_it(bench: Stimulator) -> None:
     bench.run(0.07)
     stick(bench, delay=150)

@@ -122,7 +122,7 @@ def test_doc_has_a_row_for_neighbours_that_differ_by_name_alone(tmp_path: Path) 
     assert "\n| 2010h:4..5 | Setpoint.COF left, .COF right | UNSIGNED16 |" in doc
     assert "\n| 2008h:1..8 | Fault memory.Fault 1..8 | VISIBLE_STRING |" in doc
     path = tmp_path / "gap.eds"
-    text = (RICH_EDS.parents[2] / "eds" / "plate.eds").read_text()
+    text = PLATE.read_text()
     path.write_text(re.sub(r"\[2050sub3\][^[]*", "", text))
     assert "\n| 2050h:1..2 | Cycle.Ticks, .Lost drives | UNSIGNED32 |" in succeed(
         "eds", "doc", path

@@ -19,6 +19,7 @@ from smarttac_can.master import requests
 from smarttac_can.nodes.plate_block import PlateBlock
 from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.od.cia import LSS_MASTER_ID
 from smarttac_can.plant.finger import Stroke
 from smarttac_can.vocabulary.states import State
 
@@ -387,6 +388,17 @@ def test_of_two_producers_of_sync_one_is_enough() -> None:
     assert said[0].endswith(" this one, 080h: one producer of SYNC is enough")
 
 
+def test_a_bit_rate_by_lss_is_left_to_whoever_runs_the_bus() -> None:
+    said: list[str] = []
+    node = Spoken("plate", PlateNode(plate_od()), said)
+    said.clear()
+    for command in ("04 01", "13 00 02", "15 00 00"):
+        node.receive(Frame(LSS_MASTER_ID, bytes.fromhex(command).ljust(8, b"\0")))
+    assert said == [
+        "plate 33 500 kbit/s by LSS: the bus here stays as it is, set its bit rate and restart"
+    ]
+
+
 def test_a_full_queue_is_a_line() -> None:
     """What it does is tested in ``tests/host/test_outbox.py``, and by a row of the fault matrix."""
     said: list[str] = []
@@ -454,6 +466,6 @@ def test_a_double_that_is_noticed_after_what_it_has_led_to_is_named() -> None:
     node.receive(Frame(0xA1, bytes((0x50, 0x81, 0x11, 0, 0, 0, 0, 0))))
     assert said[1:] == [
         "stimulator 32 fault 8150h: another node sends with an identifier of this one or of its "
-        "plate: two have one node-ID, give one of them another by LSS or --node-id; clear 3 s "
+        "plate: two have one node-ID; clear 3 s "
         "after the last such frame"
     ]

@@ -257,16 +257,16 @@ def test_the_model_is_as_unsure_as_plates_differ():
 
 
 @pytest.mark.parametrize("dead_time", [0.0, BUS])
-def test_a_drive_was_missed_if_the_one_before_explains_nearly_all_that_is_off(dead_time):
+def test_a_drive_was_lost_if_the_one_before_explains_nearly_all_that_is_off(dead_time):
     span, W = Span(10.0, W0, 60.0, W0), 0.4e-6 + 0j
     kept = moved(MODEL, dead_time, W, with_first_only(span))
     came = moved(MODEL, dead_time, W, span)
     assert abs(came - kept) > 5.0 * _MISSED_FROM
 
-    def is_missed(share):
+    def is_lost(share):
         return drive_lost(PRIOR, MODEL, dead_time, W, span, kept + share * (came - kept))
 
-    assert [is_missed(share) for share in (0.0, 0.08, 0.12, 0.5, 1.0)] == [
+    assert [is_lost(share) for share in (0.0, 0.08, 0.12, 0.5, 1.0)] == [
         True,
         True,
         False,

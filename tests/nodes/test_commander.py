@@ -154,7 +154,7 @@ def arm(line: Line, node: StimulatorNode) -> int:
     return line.write(node, "Controlword", 1)
 
 
-def test_nobody_arms_unwatched_in_real_time() -> None:
+def test_nobody_arms_unsupervised_in_real_time() -> None:
     line, node = ready()
     assert arm(line, node) == STATE
     assert node.block.state is State.READY

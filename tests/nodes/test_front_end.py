@@ -386,10 +386,12 @@ NO_ANSWER = RuntimeError("no answer")
 @pytest.mark.parametrize(
     ("answer", "trouble"),
     [
-        *((answer, f"put_out() of 21 V returned {answer!r}, not within 1 V") for answer in
+        *((answer, f"put_out() of 21 V returned {answer!r}, no number within 1 V") for answer in
           (22.01, 19.99, NAN, None, "20", True, 1 + 0j)),
         pytest.param(
-            10**400, f"put_out() of 21 V returned {str(10**400)[:200]}, not within 1 V", id="huge"
+            10**400,
+            f"put_out() of 21 V returned {str(10**400)[:200]}, no number within 1 V",
+            id="huge",
         ),
         (NO_ANSWER, f"put_out() of 21 V failed: {NO_ANSWER!r}"),
     ],

@@ -1,4 +1,4 @@
-"""While armed or running no write makes a limit or a watch laxer."""
+"""While armed or running no write relaxes a limit or a watch."""
 
 from typing import NamedTuple
 
@@ -22,13 +22,13 @@ OK = 0
 
 
 class Case(NamedTuple):
-    """An entry, its value under a drive, a laxer one, a stricter one; None is any, or none."""
+    """An entry, its value under a drive, a relaxed one, a tightened one; None is any, or none."""
 
     index: int
     subindex: int
     present: int | None
-    laxer: int | None
-    stricter: int | None
+    relaxed: int | None
+    tightened: int | None
 
 
 CASES = (
@@ -42,13 +42,13 @@ CASES = (
 """One of each rule, and a mapping; `test_what_is_protected_and_how` has all."""
 
 
-def takes_no_laxer(rig: Rig, case: Case, node: StimulatorNode | PlateNode) -> None:
+def takes_no_relaxed(rig: Rig, case: Case, node: StimulatorNode | PlateNode) -> None:
     entry, node_id = node.od.entry(case.index, case.subindex), node.device.node_id
     before = entry.value
     assert case.present in (None, before)
     assert write_entry(rig, entry, before, node_id) == OK, "what was read may be written back"
-    if case.laxer is not None:
-        assert write_entry(rig, entry, case.laxer, node_id) == STATE
+    if case.relaxed is not None:
+        assert write_entry(rig, entry, case.relaxed, node_id) == STATE
         assert entry.value == before
 
 
@@ -60,21 +60,21 @@ def takes(rig: Rig, case: Case, node: StimulatorNode | PlateNode, *values: int |
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)
-def test_laxer_is_refused_and_stricter_taken(case: Case) -> None:
+def test_relaxing_is_refused_and_tightening_taken(case: Case) -> None:
     """While armed and while running; and at rest all that the device takes."""
     rig = driven()
     for word, state in ((1, State.ARMED), (3, State.RUNNING)):
         assert write(rig, "Controlword", word) == OK
-        takes_no_laxer(rig, case, rig.stimulator)
+        takes_no_relaxed(rig, case, rig.stimulator)
         assert rig.state is state
-    takes(rig, case, rig.stimulator, case.stricter)
+    takes(rig, case, rig.stimulator, case.tightened)
     rig.cycle(2)
     assert rig.state is State.RUNNING
     assert write(rig, "Controlword", 0) == OK
     if case.index == 0x1601:
         invalid = rig.od.entry(case.index - 0x200, 1)
         assert write_entry(rig, invalid, invalid.value | 1 << 31) == OK
-    takes(rig, case, rig.stimulator, case.laxer, case.stricter)
+    takes(rig, case, rig.stimulator, case.relaxed, case.tightened)
 
 
 def test_a_refused_deadline_does_not_move_the_one_in_force() -> None:
@@ -94,17 +94,17 @@ OF_THE_PLATE = (
 
 
 @pytest.mark.parametrize("case", OF_THE_PLATE, ids=str)
-def test_the_plate_refuses_laxer_while_its_stage_is_in_use(case: Case) -> None:
+def test_the_plate_is_not_relaxed_while_its_stage_is_in_use(case: Case) -> None:
     """And in PRE-OPERATIONAL takes all that the device takes."""
     rig = driven()
     watch = rig.plate.od.entry(0x1016, 1)
     assert write_entry(rig, watch, 1 << 16 | 50, PLATE_ID) == OK
-    takes_no_laxer(rig, case, rig.plate)
+    takes_no_relaxed(rig, case, rig.plate)
     rig.cycle(30)
     assert rig.stage.read() > 0
-    takes(rig, case, rig.plate, case.stricter)
+    takes(rig, case, rig.plate, case.tightened)
     rig.nmt(0x80, PLATE_ID)
-    takes(rig, case, rig.plate, case.laxer, case.stricter)
+    takes(rig, case, rig.plate, case.relaxed, case.tightened)
 
 
 Where = int | tuple[int, int]
@@ -145,13 +145,13 @@ def test_what_is_protected_and_how(
     od: ObjectDictionary, table: Table, other: set[Where], higher: set[Where],
     lower: set[Where], longer: set[Where],
 ) -> None:  # fmt: skip
-    """By place: what is laxer than a value and what is not, whatever else would refuse it."""
-    stricter = Lock(od, table)
+    """By place: what relaxes a value and what is not, whatever else would refuse it."""
+    tightened = Lock(od, table)
 
     def refused(entry: Entry, present: int, value: int) -> bool:
         entry.value = present
         try:
-            stricter.require(entry, value)
+            tightened.require(entry, value)
         except Abort as abort:
             assert abort.code == STATE
             return True
@@ -160,7 +160,7 @@ def test_what_is_protected_and_how(
     found = set()
     for entry in od:
         # A present value of 5: one less, the same, one more, none; and 1 where there is none.
-        laxer = [refused(entry, *pair) for pair in ((5, 4), (5, 5), (5, 6), (5, 0), (0, 1))]
+        relaxed = [refused(entry, *pair) for pair in ((5, 4), (5, 5), (5, 6), (5, 0), (0, 1))]
         places = {entry.index, (entry.index, entry.subindex)}
         if not entry.writable or entry.index == 0x1016:
             continue
@@ -174,8 +174,8 @@ def test_what_is_protected_and_how(
             expected = [True, False, True, True, True]
         else:
             expected = [False] * 5
-        assert laxer == expected, entry.name
-        assert (entry in stricter.rules) == any(expected)
+        assert relaxed == expected, entry.name
+        assert (entry in tightened.rules) == any(expected)
         found |= places
     assert other | higher | lower | longer <= found
 
@@ -187,22 +187,22 @@ def test_what_is_protected_and_how(
 def test_every_watch_over_a_heartbeat_is_kept(
     od: ObjectDictionary, table: Table, watch: int
 ) -> None:
-    stricter, entry = Lock(od, table), od.entry(0x1016, watch)
-    for present, laxer in (
+    tightened, entry = Lock(od, table), od.entry(0x1016, watch)
+    for present, relaxed in (
         (0x7F_0032, (0x7F_0033, 0x7F_8000, 0x7F_0000, 0x7E_0032, 0x80_0032, 0)),
         (0x7F_8000, (0x7F_8001, 0x7F_0000, 0)),
     ):
         entry.value = present
-        for value in laxer:
+        for value in relaxed:
             with pytest.raises(Abort):
-                stricter.require(entry, value)
+                tightened.require(entry, value)
         for value in (present, present - 1):
-            stricter.require(entry, value)
+            tightened.require(entry, value)
     # 128 and 129 are no nodes, and 0 ms no watch: nothing is lost.
     for present in (0x80_0032, 0x81_0032, 0x7F_0000, 0):
         entry.value = present
         for value in (0, 0x07_0064):
-            stricter.require(entry, value)
+            tightened.require(entry, value)
 
 
 def test_it_holds_without_a_bus_as_well() -> None:

@@ -49,8 +49,8 @@ def told(line: Line, can_id: int) -> list[bytes]:
 
 
 TWO = (
-    "another node sends with an identifier of this one or of its plate: two have one node-ID, give "
-    "one of them another by LSS or --node-id; clear 3 s after the last such frame"
+    "another node sends with an identifier of this one or of its plate: two have one node-ID; "
+    "clear 3 s after the last such frame"
 )
 
 

@@ -51,14 +51,14 @@ class Loop:
         cascade: Any = SimpleNamespace(mode=mode, contact=LIFTED, zero=UNTARED, tared=True)
         measured: Any = None
 
-        def put_out(
+        def cut_and_record(
             _plan: object, _vibration: object, in_force: InForce, drive: Drive, _late: bool
         ) -> tuple[InForce, Drive]:
             return in_force, drive._replace(voltage=min(drive.voltage, 30.0))
 
         with (
             patch.object(supervisor, "watch_step", lambda _plan, state, _seen: (state, faults)),
-            patch.object(supervisor, "put_out", put_out),
+            patch.object(supervisor, "cut_and_record", cut_and_record),
         ):
             return self.supervisor.permit(asked, measured, mode, cascade, late=False)
 
@@ -376,7 +376,7 @@ def unwatched() -> Loop:
     return loop
 
 
-def test_who_is_not_watched_cannot_arm_and_is_told_why() -> None:
+def test_an_unsupervised_commander_cannot_arm_and_is_told_why() -> None:
     loop = unwatched()
     loop.supervisor.command(0)
     with pytest.raises(Abort) as refused:

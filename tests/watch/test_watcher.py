@@ -179,7 +179,7 @@ def test_an_emergency_has_its_text_and_the_fault_stays(scene: Scene) -> None:
     assert 1.5 < emergency.ago < 2.0
     assert view.latched == ("a sensor is stuck",)
     text = "\n".join(line.text for line in lines(view, "virtual:x", 80, 24))
-    assert "FAULT: a sensor is stuck" in text
+    assert "FAULT: a sensor is stuck; check the sensors, their amplifiers and cables" in text
     assert "EMCY 5211h a sensor is stuck" in text
 
 
