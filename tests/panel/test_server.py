@@ -358,8 +358,8 @@ def test_late_updates_are_dropped_and_never_queued() -> None:
     async def script(browser: Browser) -> None:
         async with browser.page() as page:
             page.silent = True
-            await asyncio.sleep(0.3)
-            held = len(page.numbers)
+            held = len(page.numbers) + 1
+            await page.until(lambda: len(page.numbers) == held)
             before = page.now["t"]
             await asyncio.sleep(1.0)
             assert len(page.numbers) == held
