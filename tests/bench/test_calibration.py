@@ -128,6 +128,14 @@ def test_tilts_in_one_direction_are_refused() -> None:
         fitted([])
 
 
+def test_side_gauges_that_read_the_same_are_refused() -> None:
+    alike = [weighing(placing) for placing in PLAN]
+    for one in alike:
+        one.loaded[1], one.empty[1] = one.loaded[0], one.empty[0]
+    with pytest.raises(ValueError, match="S1 and S2 do not distinguish the tilted weighings"):
+        Calibration.fit(alike, SO_FAR, G)
+
+
 @pytest.fixture
 def bench() -> Iterator[Stimulator]:
     with Stimulator.simulate("local") as made:

@@ -309,6 +309,7 @@ def test_a_reading_has_all_in_its_unit(bench: Stimulator) -> None:
     assert reading.mode is Mode.AMPLITUDE_RESONANCE
     assert str(reading.status) == "7"
     assert repr(reading.status) == "<Status.LIVE|DRIVING|TOUCHING: 7>"
+    assert f"; COF {reading.cof:.4f} at {reading.position:.2f} mm, " in repr(reading)
     assert reading.state is State.RUNNING
     assert reading.amplitude == pytest.approx(0.8, abs=0.05)
     assert reading.normal_force == pytest.approx(0.8, abs=0.1)
@@ -386,6 +387,24 @@ def test_a_run_of_which_most_is_lost() -> None:
         assert bench.run(0.006).lost == 0
         with pytest.raises(NotRunningError, match=r"4 of 7 cycles were lost: is this machine"):
             bench.run(0.007)
+
+
+def test_a_quick_stop_ends_a_run_and_changes_nothing_at_rest(bench: Stimulator) -> None:
+    bench.quick_stop()
+    bench.finger.lift()
+    bench.start_run()
+    bench.tare()
+    assert bench.state is State.READY
+    bench.quick_stop()
+    assert bench.state is State.READY
+    bench.voltage = 20
+    bench.mode = "open_loop"
+    bench.run(0.01)
+    bench.quick_stop()
+    assert bench.state is State.QUICK_STOP
+    assert not bench.run(0.01).voltage_v[1:].any()
+    bench.disarm()
+    assert bench.state is State.READY
 
 
 def test_identify(bench: Stimulator) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.image import imsave
+from PIL import Image
 
 from smarttac_can.bench import BenchError, Mode, RefusedError, Stimulator, Texture, track
 from smarttac_can.bench.textures import FOLLOWED_HZ
@@ -165,6 +166,10 @@ def test_a_row_of_a_grey_picture(tmp_path: Path) -> None:
     assert texture.cof([-30, 0, 30]) == pytest.approx([0.2, 0.4, 0.6], abs=3e-3)
     assert texture.cof([-19.9, -10, 10]) == pytest.approx([0.2, 0.3, 0.5], abs=3e-3)
     assert Texture.from_png(path, row=0, low=0.2, high=0.6).cof(0.0) == pytest.approx([0.2])
+    # That was grey in three channels; this has one.
+    Image.fromarray(np.uint8(255 * pixels)).save(path)
+    texture = Texture.from_png(path, row=1, low=0.2, high=0.6, width_mm=40.0)
+    assert texture.cof([-30, 0, 30]) == pytest.approx([0.2, 0.4, 0.6], abs=3e-3)
 
 
 def test_it_is_shown_in_one_line() -> None:
@@ -177,7 +182,14 @@ def test_it_is_shown_in_one_line() -> None:
 
 
 @pytest.mark.parametrize("end", [".png", ".svg"])
-@pytest.mark.parametrize("texture", [GRATING, Texture.profile("step", 0.2, 0.4)])
+@pytest.mark.parametrize(
+    "texture",
+    [
+        GRATING,
+        Texture.profile("step", 0.2, 0.4),
+        Texture.profile([(0.0, 0.2), (0.5, 0.4), (1.0, 0.4)], repeats=True),
+    ],
+)
 def test_a_picture_before_it_is_played(texture: Texture, end: str, tmp_path: Path) -> None:
     path = tmp_path / f"texture{end}"
     texture.save_figure(path)
@@ -293,6 +305,20 @@ def test_a_recording_with_reversals_and_irregular_positions(tmp_path: Path) -> N
     texture = Texture.from_csv(path, position="where", lateral="Fx", normal="press")
     places = np.linspace(-9.0, 9.0, 50)
     assert texture.cof(places) == pytest.approx(0.3 + 0.005 * places, abs=1e-3)
+
+
+def test_a_recording_of_one_row_is_one_cof(tmp_path: Path) -> None:
+    path = tmp_path / "one.csv"
+    path.write_text("x,mu\n1,0.3\n")
+    texture = Texture.from_csv(path, position="x", cof="mu")
+    assert texture.cof([-30.0, 1.0, 30.0]) == pytest.approx(0.3)
+
+
+def test_a_recording_without_a_press_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "air.csv"
+    path.write_text("x,Fx,Fz\n1,0.01,0.05\n2,0.02,0.0\n")
+    with pytest.raises(ValueError, match=r"air\.csv: no normal force is 0\.1 or more$"):
+        Texture.from_csv(path, position="x", lateral="Fx", normal="Fz", least_force=0.1)
 
 
 def test_a_recording_over_time(tmp_path: Path) -> None:
@@ -422,6 +448,13 @@ def test_what_follows_exactly(texture: Texture) -> None:
     assert found.harmonics[0].per_mm == pytest.approx(0.5)
     assert found.harmonics[0].gain == pytest.approx(1.0, abs=0.01)
     assert found.harmonics[0].error < 0.003
+
+
+def test_a_constant_correlates_with_nothing() -> None:
+    x = strokes()
+    found = track(SINE, x, np.full_like(x, 0.35))
+    assert np.isnan(found.correlations).all()
+    assert found.harmonics[0].gain == pytest.approx(0.0, abs=0.01)
 
 
 def test_half_of_the_amplitude_a_quarter_of_a_period_late() -> None:
