@@ -119,6 +119,17 @@ def test_another_campaign_is_refused_and_the_file_kept(file, other, what):
     assert file.read_bytes() == before
 
 
+def test_a_campaign_of_another_version_is_refused_and_the_file_kept(file):
+    first, *rows = file.read_text().splitlines(keepends=True)
+    header = json.loads(first)
+    del header["plates"]
+    file.write_text(json.dumps(header) + "\n" + "".join(rows))
+    before = file.read_bytes()
+    with pytest.raises(RecordError, match=r"rows: is of another version: "):
+        Record(file, CAMPAIGN)
+    assert file.read_bytes() == before
+
+
 @pytest.mark.parametrize("cut", [0, 1, 20, 60])
 def test_a_header_that_was_not_finished_is_none(file, cut):
     header = file.read_bytes().splitlines()[0]

@@ -102,6 +102,7 @@ def test_a_dcf_becomes_that_of_another_node() -> None:
         ),
         ("2100sub1", "300000", "outside the raw values 0..20000, 0..200000 mV$"),
         ("2100sub1", "-1", "Setpoint.Voltage -1 is outside the raw values 0..20000"),
+        ("2100sub1", "", "Setpoint.Voltage is given no value"),
         ("2100sub1", "x", "'x' is neither a raw integer nor a number with a unit like mV$"),
         ("2100sub1", "80,5 V", "'80,5 V' is neither a raw .* like mV; perhaps '80.5 V'$"),
         ("2100sub1", "80 v", "perhaps '80 V'$"),

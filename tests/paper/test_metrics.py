@@ -26,6 +26,12 @@ from smarttac_can.population.steps import Step, UndefinedError
 RUN = Conditions(seed=3, dead_time=250.0)
 
 
+def test_no_overshoot_is_stated_where_a_sample_is_missing():
+    with pytest.raises(UndefinedError, match="a sample is missing"):
+        metrics.overshoot_above(np.array([0.9, np.nan, 1.2]), 1.0, 1.0)
+    assert metrics.overshoot_above(np.array([0.9, 1.2]), 1.0, 1.0) == pytest.approx(20.0)
+
+
 def still(experiment):
     """A run that was never switched on."""
     return trace(experiment, 0, W=np.zeros(60), V=np.zeros(60))
