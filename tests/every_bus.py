@@ -5,7 +5,7 @@ import time
 from typing import Final
 
 import pytest
-from lines import Line, LocalLine
+from bus_lines import Line, LocalLine
 from nodes_on_a_bus import until
 from read_once import read_once
 from rich_eds import RICH
@@ -187,6 +187,11 @@ def nmt(command: NMTCommand) -> Frame:
 
 
 START: Final = nmt(NMTCommand.START)
+COMMANDS: Final = {
+    NMTState.STOPPED: NMTCommand.STOP,
+    NMTState.PRE_OPERATIONAL: NMTCommand.ENTER_PRE_OPERATIONAL,
+}
+"""What enters an NMT state."""
 
 
 def switched_on(line: Line, *, lockstep: bool) -> DeviceNode:
@@ -196,8 +201,8 @@ def switched_on(line: Line, *, lockstep: bool) -> DeviceNode:
     return node
 
 
-def value_behind(line: Line, *before: Frame) -> int:
-    """What RPDO 1 has set, read right behind some frames."""
+def value_after(line: Line, *before: Frame) -> int:
+    """What RPDO 1 has set, read right after some frames."""
     request = requests.upload(NODE_ID, VALUE)
     for frame in (*before, request):
         line.send(frame)
@@ -216,62 +221,55 @@ def moved(can_id: int) -> list[Frame]:
 
 
 def enter(line: Line, node: DeviceNode, state: NMTState) -> None:
-    line.send(
-        nmt(
-            {
-                NMTState.STOPPED: NMTCommand.STOP,
-                NMTState.PRE_OPERATIONAL: NMTCommand.ENTER_PRE_OPERATIONAL,
-            }[state]
-        )
-    )
+    line.send(nmt(COMMANDS[state]))
     until(lambda: node.device.nmt_state is state, pause=0.0005)
-    # What the host does with the new state comes behind it.
+    # The host acts on the new state after that.
     time.sleep(0.002)
 
 
 @pytest.mark.parametrize("command", [NMTCommand.START, NMTCommand.ENTER_PRE_OPERATIONAL])
 @pytest.mark.parametrize("lockstep", [False, True])
-def test_sdo_right_behind_the_command_that_ends_stopped(
+def test_sdo_right_after_the_command_that_ends_stopped(
     line: Line, lockstep: bool, command: NMTCommand
 ) -> None:
     node = switched_on(line, lockstep=lockstep)
     for _ in range(ROUNDS):
         enter(line, node, NMTState.STOPPED)
-        assert value_behind(line, nmt(command)) == 0
+        assert value_after(line, nmt(command)) == 0
 
 
 @pytest.mark.parametrize("lockstep", [False, True])
-def test_rpdo_right_behind_start(line: Line, lockstep: bool) -> None:
+def test_rpdo_right_after_start(line: Line, lockstep: bool) -> None:
     node = switched_on(line, lockstep=lockstep)
     for number in range(1, ROUNDS + 1):
         enter(line, node, (NMTState.STOPPED, NMTState.PRE_OPERATIONAL)[number % 2])
-        assert value_behind(line, START, rpdo(RPDO_ID, number)) == number
+        assert value_after(line, START, rpdo(RPDO_ID, number)) == number
 
 
 @pytest.mark.parametrize("lockstep", [False, True])
-def test_rpdo_right_behind_its_new_identifier(line: Line, lockstep: bool) -> None:
+def test_rpdo_right_after_its_new_identifier(line: Line, lockstep: bool) -> None:
     switched_on(line, lockstep=lockstep)
-    assert value_behind(line, START) == 0
+    assert value_after(line, START) == 0
     for number in range(1, ROUNDS + 1):
         can_id, old = OTHER_IDS[number % 2], OTHER_IDS[(number + 1) % 2]
         sent = (*moved(can_id), rpdo(old, 9999), rpdo(can_id, number))
-        assert value_behind(line, *sent) == number
+        assert value_after(line, *sent) == number
 
 
 @pytest.mark.parametrize("lockstep", [False, True])
-def test_rpdo_right_behind_a_reset(line: Line, lockstep: bool) -> None:
+def test_rpdo_right_after_a_reset(line: Line, lockstep: bool) -> None:
     switched_on(line, lockstep=lockstep)
     resets = nmt(NMTCommand.RESET_NODE), nmt(NMTCommand.RESET_COMMUNICATION)
     for number in range(1, ROUNDS + 1):
-        value_behind(line, *moved(OTHER_IDS[0]), START)
-        assert value_behind(line, resets[number % 2], START, rpdo(RPDO_ID, number)) == number
+        value_after(line, *moved(OTHER_IDS[0]), START)
+        assert value_after(line, resets[number % 2], START, rpdo(RPDO_ID, number)) == number
 
 
 @pytest.mark.parametrize("lockstep", [False, True])
-def test_sdo_right_behind_the_first_node_id(line: Line, lockstep: bool) -> None:
+def test_sdo_right_after_the_first_node_id(line: Line, lockstep: bool) -> None:
     node = DeviceNode(Device(read_once(RICH, NODE_ID), node_id=UNCONFIGURED))
     line.run(node, lockstep=lockstep)
     until(lambda: node.ids.heard != frozenset())
     commands = ((0x04, 1), (0x11, NODE_ID), (0x04, 0))
     lss = [Frame(LSS_MASTER_ID, bytes(command).ljust(8, b"\0")) for command in commands]
-    assert value_behind(line, *lss, START, rpdo(RPDO_ID, 7)) == 7
+    assert value_after(line, *lss, START, rpdo(RPDO_ID, 7)) == 7

@@ -213,7 +213,7 @@ def _where(place: Place) -> str:
 def _relaxing(rules: Table) -> Iterator[str]:
     """List what a write does not relax under a drive."""
     return table(
-        ("Object", "Refused is"),
+        ("Object", "Refused"),
         *((f"`{name}`", rule.text) for name, rule in rules.by_name.items()),
         *((_where(place), place.rule.text) for place in rules.by_index),
     )

@@ -124,12 +124,11 @@ class StateLines(Observer):
         """Print what has changed."""
         if self._meanwhile is not None:
             self._meanwhile()
-        rate = self._device.bit_rate
-        if rate is not None and rate != self._bit_rate:
-            self._bit_rate = rate
+        if self._device.bit_rate != self._bit_rate:
+            self._bit_rate = self._device.bit_rate
             self._write(
-                f"{self._title} {rate} kbit/s by LSS: the bus here stays as it is, set its bit "
-                "rate and restart"
+                f"{self._title} {self._bit_rate} kbit/s by LSS: the bus here stays as it is, set "
+                "its bit rate and restart"
             )
         if self._device.collision != self._collision:
             self._collision = self._device.collision

@@ -151,7 +151,7 @@ class HardwareWatch:
     Attributes
     ----------
     sources
-        RPDOs that have one of the inputs in their mapping; True for those with the read-back.
+        Numbers of the RPDOs that have one of the inputs in their mapping.
     reads_back
         Whether the read-back is mapped.
     cause
@@ -165,7 +165,7 @@ class HardwareWatch:
         self._read_back = od["Stage read-back"]
         self._inputs: tuple[Entry, ...] = ()
         self._rules: dict[Entry, Rule] = {}
-        self.sources: dict[int, bool] = {}
+        self.sources: tuple[int, ...] = ()
         self.reads_back = False
         self.cause: FaultCode | None = None
         self._commanded = (0.0, 0.0)
@@ -177,11 +177,7 @@ class HardwareWatch:
         carries = self._device.carries
         both = (self._enable, self._read_back)
         self._inputs = tuple(e for e in both if any(carries(n, e) for n in PLATE_RPDOS))
-        self.sources = {
-            number: carries(number, self._read_back)
-            for number in PLATE_RPDOS
-            if any(carries(number, entry) for entry in both)
-        }
+        self.sources = tuple(n for n in PLATE_RPDOS if any(carries(n, entry) for entry in both))
         self.reads_back = self._read_back in self._inputs
         if not self.reads_back:
             self._wrong = False
@@ -189,17 +185,9 @@ class HardwareWatch:
         self._rules = dict(rule for number in self.sources for rule in self._of_rpdo(number))
         self.look()
 
-    def hear(self, number: int, commanded: float) -> None:
-        """Check the inputs that one of the RPDOs has brought.
-
-        Parameters
-        ----------
-        number
-            Number of the RPDO.
-        commanded
-            Voltage in V that the stage is commanded now.
-        """
-        if self.sources[number]:
+    def hear(self, commanded: float) -> None:
+        """Check the inputs that an RPDO has brought, against the commanded voltage in V."""
+        if self.reads_back:
             reading = float(self._read_back.value * self._read_back.si)
             of_late = (commanded, *self._commanded)
             most, least = max(of_late), min(of_late)
@@ -496,7 +484,7 @@ class PlateNode(DeviceNode):
     def on_rpdo(self, number: int) -> None:
         """Check the inputs of hardware that supervises the stage."""
         if number in self._hardware.sources:
-            self._hardware.hear(number, self.block.commanded)
+            self._hardware.hear(self.block.commanded)
             self._follow_hardware()
 
     def on_loop_rpdo(self, _number: int, data: bytes) -> None:

@@ -218,14 +218,8 @@ def test_unconfigured_and_a_node_id_contradict_each_other(command):
 def test_lss_gives_the_node_id_and_storage_keeps_it(multicast, tmp_path):
     bus = multicast_options(multicast)
     where = f"udp_multicast:{multicast['channel']}"
-    command = [
-        "device",
-        "--eds",
-        str(RICH_EDS),
-        "--unconfigured",
-        "--storage",
-        str(tmp_path / "kept"),
-    ]
+    kept = str(tmp_path / "kept")
+    command = ["device", "--eds", str(RICH_EDS), "--unconfigured", "--storage", kept]
     first = NodeProcess(*command, *bus)
     try:
         first.wait_for(f"device without node-ID ready on {where}")

@@ -4,8 +4,8 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
+from bus_lines import Line, LocalLine, PythonCanLine
 from every_bus import *  # noqa: F403
-from lines import Line, LocalLine, PythonCanLine
 
 from smarttac_can.host.python_can import PythonCanBus
 

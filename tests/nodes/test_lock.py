@@ -107,6 +107,28 @@ def test_the_plate_is_not_relaxed_while_its_stage_is_in_use(case: Case) -> None:
     takes(rig, case, rig.plate, case.relaxed, case.tightened)
 
 
+@pytest.mark.parametrize(
+    ("od", "table", "words"),
+    [
+        (stimulator_od(), OF_STIMULATOR, "while armed or running; disarm first"),
+        (
+            *(plate_od(), OF_PLATE),
+            "while the stage is in use; disarm, and take the plate out of OPERATIONAL",
+        ),
+    ],
+    ids=["stimulator", "plate"],
+)
+def test_a_refusal_names_both_values_and_what_to_do(
+    od: ObjectDictionary, table: Table, words: str
+) -> None:
+    with pytest.raises(Abort) as refused:
+        Lock(od, table).require(od["Limit.Voltage"], 15_001)
+    assert refused.value.reason == (
+        "Limit.Voltage 150010 mV is refused, present value 150000 mV: "
+        f"a higher value is refused {words}"
+    )
+
+
 Where = int | tuple[int, int]
 """An index with all that is there, or with a sub-index."""
 OF_BOTH = {0x1005, 0x1006, 0x1014, 0x1017}
@@ -145,13 +167,13 @@ def test_what_is_protected_and_how(
     od: ObjectDictionary, table: Table, other: set[Where], higher: set[Where],
     lower: set[Where], longer: set[Where],
 ) -> None:  # fmt: skip
-    """By place: what relaxes a value and what is not, whatever else would refuse it."""
-    tightened = Lock(od, table)
+    """By place: what relaxes a value and what does not, whatever else would refuse it."""
+    lock = Lock(od, table)
 
     def refused(entry: Entry, present: int, value: int) -> bool:
         entry.value = present
         try:
-            tightened.require(entry, value)
+            lock.require(entry, value)
         except Abort as abort:
             assert abort.code == STATE
             return True
@@ -175,7 +197,7 @@ def test_what_is_protected_and_how(
         else:
             expected = [False] * 5
         assert relaxed == expected, entry.name
-        assert (entry in tightened.rules) == any(expected)
+        assert (entry in lock.rules) == any(expected)
         found |= places
     assert other | higher | lower | longer <= found
 
@@ -187,7 +209,7 @@ def test_what_is_protected_and_how(
 def test_every_watch_over_a_heartbeat_is_kept(
     od: ObjectDictionary, table: Table, watch: int
 ) -> None:
-    tightened, entry = Lock(od, table), od.entry(0x1016, watch)
+    lock, entry = Lock(od, table), od.entry(0x1016, watch)
     for present, relaxed in (
         (0x7F_0032, (0x7F_0033, 0x7F_8000, 0x7F_0000, 0x7E_0032, 0x80_0032, 0)),
         (0x7F_8000, (0x7F_8001, 0x7F_0000, 0)),
@@ -195,14 +217,14 @@ def test_every_watch_over_a_heartbeat_is_kept(
         entry.value = present
         for value in relaxed:
             with pytest.raises(Abort):
-                tightened.require(entry, value)
+                lock.require(entry, value)
         for value in (present, present - 1):
-            tightened.require(entry, value)
+            lock.require(entry, value)
     # 128 and 129 are no nodes, and 0 ms no watch: nothing is lost.
     for present in (0x80_0032, 0x81_0032, 0x7F_0000, 0):
         entry.value = present
         for value in (0, 0x07_0064):
-            tightened.require(entry, value)
+            lock.require(entry, value)
 
 
 def test_it_holds_without_a_bus_as_well() -> None:

@@ -132,7 +132,7 @@ def test_a_mapping_that_carries_neither_input_is_none() -> None:
 
 def test_enable_alone_lets_a_stage_drive_that_nobody_reads_back() -> None:
     line, plate = configured(ENABLE)
-    for volts in (0, 20, 20, 20, 20, 20):
+    for volts in (0, *20 * [20]):
         assert cycle(line, plate, volts, says(volts=99)) == volts
     assert cycle(line, plate, 20, says(enable=0)) == 0
 

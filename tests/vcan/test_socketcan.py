@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 
 import pytest
+from bus_lines import Line, PythonCanLine
 from every_bus import *  # noqa: F403
-from lines import Line, PythonCanLine
 from processes import CHANNEL
 
 from smarttac_can.host.python_can import PythonCanBus
