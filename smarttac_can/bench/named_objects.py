@@ -11,7 +11,6 @@ from re import sub
 from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
 from smarttac_can.bench.link import Link
-from smarttac_can.commissioning.dcf import require_kept
 from smarttac_can.master.errors import BenchError, RefusedError
 from smarttac_can.od.cia import AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
@@ -112,7 +111,7 @@ def raw_value(entry: Entry, text: str) -> int:
         If it is not a number with a unit of this kind, or would become 0.
     """
     raw = entry.counts(text)
-    require_kept(entry, raw, text.strip())
+    entry.require_kept(raw, text.strip())
     return raw
 
 

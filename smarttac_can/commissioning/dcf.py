@@ -19,34 +19,6 @@ from smarttac_can.od.eds import EDSError, load_eds, parse_integer, parse_value
 from smarttac_can.od.entry import Entry
 from smarttac_can.od.units import Quantity
 
-
-def require_kept(entry: Entry, raw: int, given: str) -> None:
-    """Refuse a quantity that is not 0 but would be rounded to 0.
-
-    Parameters
-    ----------
-    entry
-        Object for the quantity.
-    raw
-        Rounded raw value.
-    given
-        Quantity with a unit, such as ``80 V``.
-
-    Raises
-    ------
-    ValueError
-        If the quantity is not 0, and `raw` is. The message names it and the step of the object, or
-        the lowest value if the quantity is below that.
-    """
-    quantity = Quantity.parse(given)
-    if raw == 0 and quantity.number:
-        if quantity.over(entry.unit) < entry.low:
-            lowest = entry.shown(entry.low)
-            raise ValueError(f"{entry.name} {given} is below {lowest}, its lowest value")
-        step = f"{entry.unit.number:f} {entry.unit.symbol}".rstrip()
-        raise ValueError(f"{entry.name} {given} would become 0: it goes in steps of {step}")
-
-
 _BIT_RATES: Final = (10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
 """Bit rates in bit/s for which an EDS has a key."""
 COMMISSIONING: Final = "DeviceComissioning"
@@ -270,7 +242,7 @@ def _check(entry: Entry, text: str, node_id: int, given: str) -> None:
     if isinstance(value, int | float) and not entry.low <= value <= entry.high:
         raise ValueError(_outside(entry, value, given, with_unit=given != text))
     if given != text:
-        require_kept(entry, value, given)
+        entry.require_kept(value, given)
     try:
         entry.check(value)
     except Abort as error:

@@ -148,6 +148,30 @@ class Entry:
             like = self.unit.symbol and f" with a unit like {self.unit.symbol}"
             raise ValueError(f"{self.name} {text!r} is not a number{like}") from None
 
+    def require_kept(self, raw: int, given: str) -> None:
+        """Refuse a quantity that is not 0 but would be rounded to 0.
+
+        Parameters
+        ----------
+        raw
+            Rounded raw value.
+        given
+            Quantity with a unit, such as ``80 V``.
+
+        Raises
+        ------
+        ValueError
+            If the quantity is not 0, and `raw` is. The message names it and the step of the
+            object, or the lowest value if the quantity is below that.
+        """
+        quantity = Quantity.parse(given)
+        if raw == 0 and quantity.number:
+            if quantity.over(self.unit) < self.low:
+                lowest = self.shown(self.low)
+                raise ValueError(f"{self.name} {given} is below {lowest}, its lowest value")
+            step = f"{self.unit.number:f} {self.unit.symbol}".rstrip()
+            raise ValueError(f"{self.name} {given} would become 0: it goes in steps of {step}")
+
     def shown(self, raw: float) -> str:
         """Return a raw value in the displayed unit, such as ``3000 nm``."""
         return f"{raw * float(self.unit.number):.12g} {self.unit.symbol}".rstrip()

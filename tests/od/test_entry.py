@@ -35,6 +35,19 @@ def test_counts_of_a_quantity_round_half_to_even_and_do_not_clip(text: str, raw:
     assert voltage().counts(text) == raw
 
 
+@pytest.mark.parametrize(
+    ("low", "refusal"),
+    [(0, "would become 0: it goes in steps of 10 mV"), (5, "is below 50 mV, its lowest value")],
+)
+def test_quantity_that_would_become_0_is_refused(low: int, refusal: str) -> None:
+    entry = voltage()
+    entry.low = low
+    with pytest.raises(ValueError, match=f"^Setpoint.Voltage 4 mV {refusal}$"):
+        entry.require_kept(0, "4 mV")
+    entry.require_kept(0, "0 V")
+    entry.require_kept(1, "6 mV")
+
+
 def test_raw_value_is_shown_in_its_unit() -> None:
     entry = voltage()
     assert entry.shown(125) == "1250 mV"
