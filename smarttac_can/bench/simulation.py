@@ -44,7 +44,7 @@ from smarttac_can.od.entry import Entry
 from smarttac_can.plant.finger import Finger, GuidedFinger, Trajectory
 from smarttac_can.vocabulary.meanings import RECORDED as RECORDED_FINGER
 from smarttac_can.vocabulary.meanings import SIMULATION
-from smarttac_can.vocabulary.signals import KNOWN_WINDOW_MN, SHORT_DEADLINE_MS
+from smarttac_can.vocabulary.signals import KNOWN_WINDOW_MN, SHORT_DEADLINE_MS, TICK_US
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, watchdogs_in
 
 STIMULATOR_ID: Final = 32
@@ -173,7 +173,7 @@ def open_simulated_link(
         raise ValueError(f"log {log!r} is no function of a time stamp and a frame")
     if log is not None and link == "local":
         raise ValueError("there is no bus whose frames could go to log: simulate('bus')")
-    bus = LocalBus(log=log)
+    bus = LocalBus(tick=TICK_US, log=log)
     try:
         if link == "local":
             block = simulated_block(raw, recorded)

@@ -320,7 +320,7 @@ class FaultyBus(LocalBus):
         log: LogHook | None = None,
         wire: Wire | None = None,
     ) -> None:
-        super().__init__(log=log, wire=wire)
+        super().__init__(tick=TICK_US, log=log, wire=wire)
         self.random = random.Random(seed)
         self.disturbances: list[Disturbance] = []
         self.cycle = 0
@@ -429,7 +429,7 @@ class FaultyBus(LocalBus):
             return
         self._babble = Frame(can_id, bytes(8))
         self._babble_time = frames * self._durations[8]
-        self._room = max(0, TICK_US - self._babble_time)
+        self._room = max(0, self._tick - self._babble_time)
 
         def answer(frame: Frame) -> list[Frame]:
             return [self._babble] * frames if frame.can_id == SYNC_ID else []
@@ -448,5 +448,5 @@ class FaultyBus(LocalBus):
 
     def _pass_time(self, microseconds: int) -> None:
         super()._pass_time(microseconds)
-        self.cycle = self._tick_end // TICK_US
-        self._room = max(0, TICK_US - self._babble_time)
+        self.cycle = self._tick_end // self._tick
+        self._room = max(0, self._tick - self._babble_time)

@@ -11,7 +11,6 @@ from smarttac_can.host.bus import BusError, LogHook
 from smarttac_can.host.node import Node
 from smarttac_can.od.cia import SYNC_ID
 from smarttac_can.od.timing import frame_bits
-from smarttac_can.vocabulary.signals import TICK_US
 
 _STORM_FRAMES = 100_000
 _MAX_DATA_BYTES = 8
@@ -84,6 +83,8 @@ class LocalBus:
     ----------
     bit_rate
         Bit rate in bit/s, above 0; used only for the time stamps.
+    tick
+        Time in us, above 0, by which a SYNC advances the nodes in lockstep.
     log
         Function called with the time stamp in us and the frame, for every frame.
     wire
@@ -99,11 +100,15 @@ class LocalBus:
         self,
         *,
         bit_rate: int = 1_000_000,
+        tick: int = 1000,
         log: LogHook | None = None,
         wire: Wire | None = None,
     ) -> None:
         if bit_rate <= 0:
             raise ValueError(f"bit_rate {bit_rate} is not above 0")
+        if tick <= 0:
+            raise ValueError(f"tick {tick} is not above 0")
+        self._tick = tick
         self._log = log
         self._wire = wire
         # Rounded up, because a time stamp is a worst case.
@@ -125,7 +130,7 @@ class LocalBus:
         node
             Node to start now; its boot-up message goes to the parties that are already there.
         lockstep
-            If True, the timers of the node advance by 1000 us just before it receives the SYNC of
+            If True, the timers of the node advance by one tick just before it receives the SYNC of
             another party. If False, they advance only by `advance`, and SYNC is an ordinary frame;
             for nodes that have their own clock, or produce the SYNC.
         """
@@ -146,7 +151,7 @@ class LocalBus:
         Parameters
         ----------
         microseconds
-            Time in us, 0 or more. If it is not a multiple of 1000 us, the last step is shorter.
+            Time in us, 0 or more. If it is not a multiple of the tick, the last step is shorter.
 
         Raises
         ------
@@ -156,7 +161,7 @@ class LocalBus:
         if microseconds < 0:
             raise ValueError(f"microseconds {microseconds} is below 0")
         while microseconds > 0:
-            step = min(microseconds, TICK_US)
+            step = min(microseconds, self._tick)
             microseconds -= step
             self._pass_time(step)
             for port in tuple(self._ports):
@@ -188,7 +193,7 @@ class LocalBus:
         for port in self._ports:
             others = [p for p in self._ports if p is not port]
             port._others = tuple([(p, p._receive) for p in others])
-            port._ticked = tuple([(p, _receive_tick(p)) for p in others])
+            port._ticked = tuple([(p, _receive_tick(p, self._tick)) for p in others])
         self._lockstep = sum(port._lockstep for port in self._ports)
 
     def _pass_time(self, microseconds: int) -> None:
@@ -221,7 +226,7 @@ class LocalBus:
                     hearers = sender._others
                     if frame.can_id == SYNC_ID and self._lockstep:
                         hearers = sender._ticked
-                        self._pass_time(TICK_US)
+                        self._pass_time(self._tick)
                         quiet = _STORM_FRAMES
                     self.time += durations[len(frame.data)]
                     if log is not None:
@@ -250,10 +255,10 @@ class LocalBus:
         return bool(self._queue)
 
 
-def _receive_tick(port: Connection) -> _Receive:
+def _receive_tick(port: Connection, tick: int) -> _Receive:
     """Return the function with which a party receives a SYNC: in lockstep its timers advance."""
     node = port._node
     if node is None or not port._lockstep:
         return port._receive
     advance, receive = node.advance, port._receive
-    return lambda frame: [*advance(TICK_US), *(receive(frame) or ())]
+    return lambda frame: [*advance(tick), *(receive(frame) or ())]

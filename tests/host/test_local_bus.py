@@ -75,6 +75,20 @@ def test_sync_is_at_a_whole_millisecond_of_a_lockstep_bus() -> None:
     assert [time for time, frame in log if frame == SYNC] == [1055, 2055, 3055]
 
 
+def test_sync_advances_nodes_and_clock_by_the_tick_given() -> None:
+    log: Log = []
+    bus = LocalBus(tick=250, log=lambda time, frame: log.append((time, frame)))
+    node = ToyNode()
+    bus.attach(node)
+    port = bus.connect(lambda frame: None)
+    port.send(SYNC)
+    bus.advance(600)
+    assert node.advances == [250, 250, 250, 100]
+    assert [time for time, frame in log if frame == SYNC] == [250 + 55]
+    with pytest.raises(ValueError, match=r"^tick 0 is not above 0$"):
+        LocalBus(tick=0)
+
+
 def test_sync_moves_no_clock_where_nobody_is_in_lockstep() -> None:
     bus = LocalBus()
     node = ToyNode()
