@@ -22,13 +22,7 @@ from smarttac_can.host.drivers import opening
 from smarttac_can.host.files import reason
 from smarttac_can.host.kernel_filter import enlarge_buffer
 from smarttac_can.host.local_bus import LocalBus
-from smarttac_can.host.python_can import (
-    configured,
-    hears_others_of_process,
-    is_stray,
-    kept_here,
-    received,
-)
+from smarttac_can.host.python_can import configured, hears_others_of_process, open_bus
 from smarttac_can.master.errors import BenchError
 from smarttac_can.od.cia import CAN_ID_MASK
 
@@ -45,29 +39,6 @@ _OUT_OF_ORDER: Final = (
 )
 
 
-class _Strays(can.Listener):
-    """Keeps the receiving thread of python-can alive after input that is not a message."""
-
-    def __init__(self, network: canopen.Network) -> None:
-        self._network = network
-        self.last: Exception | None = None
-
-    def on_message_received(self, msg: can.Message) -> None:
-        """Do nothing; python-can requires this method."""
-
-    def on_error(self, exc: Exception) -> None:
-        """Store an error about an invalid message, so that the thread goes on.
-
-        Raises
-        ------
-        NotImplementedError
-            If the bus has failed; python-can regards this as "not handled" and ends the thread.
-        """
-        if not is_stray(self._network.bus, exc):
-            raise NotImplementedError
-        self.last = exc
-
-
 class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is untyped
     """A network that passes its data frames, sent and received, to its taps.
 
@@ -79,8 +50,6 @@ class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is
 
     def __init__(self) -> None:
         super().__init__()
-        self._strays = _Strays(self)
-        self.listeners.append(self._strays)
         self._taps: tuple[_Tap, ...] = ()
         self._own_taps: tuple[_Tap, ...] = ()
         self._options: Mapping[str, Any] = {}
@@ -95,9 +64,10 @@ class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is
 
     def connect(self, **options: Any) -> Self:
         """Connect to a bus of python-can with its options."""
-        self._options = kept_here(options)
+        self._options = options
         self.hears_itself = bool(configured(options).get("receive_own_messages"))
-        super().connect(**self._options)
+        self.bus = open_bus(options)
+        super().connect()
         return self
 
     def second_bus(self) -> can.BusABC:
@@ -110,7 +80,7 @@ class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is
         """
         options = {**self._options, "can_filters": None}
         with opening(options.get("interface"), options.get("channel"), BenchError):
-            return can.Bus(**options)
+            return open_bus(options)
 
     @contextmanager
     def tapped(self, can_ids: Container[int], hear: Hear, *, own: bool = False) -> Iterator[None]:
@@ -135,13 +105,6 @@ class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is
         finally:
             self._taps = tuple(other for other in self._taps if other is not tap)
             self._own_taps = tuple(other for other in self._own_taps if other is not tap)
-
-    def check(self) -> None:
-        """Raise the error that has ended the receiving, if there is one."""
-        error = None if self.notifier is None else self.notifier.exception
-        if error is None or error is self._strays.last or is_stray(self.bus, error):
-            return
-        super().check()
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
         """Send a frame."""
@@ -326,7 +289,7 @@ def _listening(bus: can.BusABC, file: _File) -> Iterator[None]:
     def work() -> None:
         try:
             for number in count():
-                message = received(bus, _LOOK_S)
+                message = bus.recv(_LOOK_S)
                 if message is not None and message.timestamp <= end:
                     heappush(waiting, (message.timestamp, number, message))
                     log_until(message.timestamp - _SETTLED_S)

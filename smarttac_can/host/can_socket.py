@@ -2,10 +2,16 @@
 
 python-can opens and configures the socket. Reading and writing the bytes here, without a message
 object for each frame, takes a third of the time and never waits.
+
+Any program on this computer may send any datagram to a group of udp_multicast. So everything of
+this package that listens there, node or bench, uses the decoder of `MulticastBus`, and not
+python-can's own. That one makes an array of as many bytes as the field ``data`` says if the field
+is an integer, and keeps what its sender calls its channel.
 """
 
 from __future__ import annotations
 
+import logging
 import os
 import socket
 from collections import deque
@@ -13,9 +19,10 @@ from errno import EAGAIN, ENOBUFS
 from secrets import token_hex
 from select import select
 from struct import Struct
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
 import can
+from can import CanProtocol
 from can.interfaces.socketcan import SocketcanBus
 from can.interfaces.udp_multicast import UdpMulticastBus
 
@@ -29,9 +36,25 @@ try:
 except ImportError:  # python-can reports this when such a bus is opened
     msgpack = None
 
+_log: Final = logging.getLogger(__name__)
 _MOST_BYTES: Final = 4096
 _MOST_FRAMES: Final = 64
 """Most frames read per call: about half a millisecond."""
+_MOST_SKIPPED: Final = 1000
+"""Most malformed datagrams skipped per call: about 5 ms."""
+_FD_BYTES: Final = 64
+_FIELDS: Final = {
+    "arbitration_id": int,
+    "is_extended_id": bool,
+    "is_remote_frame": bool,
+    "is_error_frame": bool,
+    "dlc": int,
+    "data": bytes,
+    "is_fd": bool,
+    "bitrate_switch": bool,
+    "error_state_indicator": bool,
+}
+"""Fields of a message of udp_multicast that are used, with their types."""
 _NOW: Final[int] = getattr(socket, "MSG_DONTWAIT", 0)
 QUEUE_FULL: Final = (ENOBUFS, EAGAIN)
 """Error numbers of a transmit queue that takes no frame for now."""
@@ -105,6 +128,7 @@ class _Multicast:
         self.mark: Final = self._channel.encode()
         self._heads: dict[tuple[int, bool, int], bytes] = {}
         self._known: dict[bytes, int] = {}
+        self.malformed = 0
 
     def encode(self, frame: Frame) -> bytes:
         can_id, data, rtr = frame
@@ -158,19 +182,82 @@ class _Multicast:
             self._known[data[self._AFTER_TIME : -len(suffix)]] = frame.can_id
 
     def _unpacked(self, data: bytes) -> Frame | None:
+        message = self.message(data)
+        return None if message is None else to_frame(message)
+
+    def message(self, data: bytes, timestamp: float = 0.0) -> can.Message | None:
+        """Return a datagram as a message of any kind; None, and count it, if it is malformed."""
         try:
-            message = msgpack.unpackb(data)
-            can_id, rtr = message["arbitration_id"], bool(message["is_remote_frame"])
-            other = message["is_extended_id"] or message["is_error_frame"] or message["is_fd"]
-            payload = b"" if message["data"] is None else message["data"]
+            # Nothing in a message is an array or an extension, and a short one can announce a lot.
+            said = msgpack.unpackb(data, max_bin_len=_FD_BYTES, max_array_len=0, max_ext_len=0)
+            fields: dict[str, Any] = {name: said[name] for name in _FIELDS}
+            if all(type(value) is _FIELDS[name] for name, value in fields.items()):
+                return can.Message(timestamp, check=True, **fields)
         except (ValueError, TypeError, KeyError):
-            return None  # any program may send anything to the group
-        sound = type(can_id) is int and 0 <= can_id <= CAN_ID_MASK
-        # `bytes` of an integer would have that length.
-        sound = sound and type(payload) is bytes and len(payload) <= FRAME_BYTES
-        if other or not sound:
-            return None
-        return Frame(can_id, b"" if rtr else payload, rtr)
+            pass
+        self.malformed += 1
+        return None
+
+
+class MulticastBus(UdpMulticastBus):
+    """python-can's bus over udp_multicast, with a decoder that nobody in the group can upset.
+
+    A malformed datagram is skipped and counted. When the bus is closed, their number is logged.
+
+    Attributes
+    ----------
+    group
+        Group to which frames are sent.
+    codec
+        Decoder, which counts what is malformed.
+    """
+
+    def __init__(self, channel: str = UdpMulticastBus.DEFAULT_GROUP_IPv6, **options: Any) -> None:
+        self.group: Final = channel
+        self.codec: Final = _Multicast()
+        super().__init__(channel, **options)
+
+    def shutdown(self) -> None:
+        """Close the bus."""
+        super().shutdown()
+        if count := self.codec.malformed:
+            self.codec.malformed = 0
+            _log.warning(
+                "skipped %d datagrams to %s that are no CAN frames: another program sends to this "
+                "group; choose another group (channel) if it goes on",
+                count,
+                self.group,
+            )
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        takes_fd = self.protocol is CanProtocol.CAN_FD
+        for _ in range(_MOST_SKIPPED):
+            came = self._multicast.recv(timeout)
+            if came is None:
+                break
+            data, _address, timestamp = came
+            message = self.codec.message(data, timestamp)
+            if message is not None and (takes_fd or not message.is_fd):
+                return message, False
+            timeout = 0.0
+        return None, False
+
+
+def to_message(frame: Frame) -> can.Message:
+    """Return a frame as python-can's message."""
+    return can.Message(
+        arbitration_id=frame.can_id,
+        is_extended_id=False,
+        is_remote_frame=frame.rtr,
+        data=frame.data,
+    )
+
+
+def to_frame(message: can.Message) -> Frame | None:
+    """Return python-can's message as a frame; None for an error, extended or CAN FD frame."""
+    if message.is_error_frame or message.is_extended_id or message.is_fd:
+        return None
+    return Frame(message.arbitration_id, bytes(message.data), message.is_remote_frame)
 
 
 class CanSocket:
@@ -236,18 +323,12 @@ class CanSocket:
         self._socket.close()
 
 
-def open_socket(bus: can.BusABC, channel: str | None) -> CanSocket | None:
-    """Return the socket of a bus; None if the bus works only through python-can.
-
-    Parameters
-    ----------
-    channel
-        Channel with which the bus was opened, by an option or python-can's configuration, or None.
-    """
+def open_socket(bus: can.BusABC) -> CanSocket | None:
+    """Return the socket of a bus; None if the bus works only through python-can."""
     if not _NOW:  # Windows
         return None
     if isinstance(bus, SocketcanBus):
         return CanSocket(bus, SocketCan(), None)
-    if isinstance(bus, UdpMulticastBus):
-        return CanSocket(bus, _Multicast(), channel or bus.DEFAULT_GROUP_IPv6)
+    if isinstance(bus, MulticastBus):
+        return CanSocket(bus, bus.codec, bus.group)
     return None

@@ -14,9 +14,9 @@ from typing import Any, Final, TextIO
 import can
 
 from smarttac_can.device.frame import Frame
+from smarttac_can.host.can_socket import to_frame
 from smarttac_can.host.files import open_regular
 from smarttac_can.host.frame_log import is_frame_log
-from smarttac_can.host.python_can import to_frame
 
 _LONGEST_LINE: Final = 1000
 _SHOWN: Final = 60

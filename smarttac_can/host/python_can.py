@@ -15,11 +15,19 @@ from can.util import load_config
 
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import BusError, QueueFullError
-from smarttac_can.host.can_socket import QUEUE_FULL, open_socket
+from smarttac_can.host.can_socket import (
+    QUEUE_FULL,
+    MulticastBus,
+    open_socket,
+    to_frame,
+    to_message,
+)
 from smarttac_can.host.drivers import opening
 
 _THIS_COMPUTER: Final = 0
 """Hop limit of IP; 1 would be the local network of the computer."""
+_OF_CONFIGURATION: Final = ("interface", "config_context", "context", "ignore_config")
+"""Options by which `can.Bus` finds a class and its options."""
 
 
 def configured(options: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -33,68 +41,30 @@ def configured(options: Mapping[str, Any]) -> Mapping[str, Any]:
     return cast("Mapping[str, Any]", load_config(config=given, context=context))
 
 
-def kept_here(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return options of `can.Bus` with which frames of udp_multicast stay on this computer.
+def open_bus(options: Mapping[str, Any]) -> can.BusABC:
+    """Open a bus of python-can, as `can.Bus` does with these options.
 
-    This applies unless ``hop_limit`` is an option or in python-can's configuration. By default
-    python-can sends them into the local network, to all users of the same group.
+    Of udp_multicast it is a `MulticastBus`, and frames stay on this computer unless ``hop_limit``
+    is an option or in python-can's configuration. By default python-can sends them into the local
+    network, to all users of the same group.
     """
     known = configured(options)
-    if known.get("interface") != "udp_multicast" or "hop_limit" in known:
-        return dict(options)
-    return {**options, "hop_limit": _THIS_COMPUTER}
+    if known.get("interface") != "udp_multicast":
+        return can.Bus(**options)
+    own = {key: value for key, value in known.items() if key not in _OF_CONFIGURATION}
+    if own.get("channel") is None:
+        own.pop("channel", None)
+    return MulticastBus(**{"hop_limit": _THIS_COMPUTER, **own})
 
 
 _REFUSING_S = 0.1
 """Time in s for which a driver may refuse frames without a reason before the bus is lost."""
-_STRAY_S = 0.1
 _READING_S = 0.001
-
-
-def to_message(frame: Frame) -> can.Message:
-    """Return a frame as python-can's message."""
-    return can.Message(
-        arbitration_id=frame.can_id,
-        is_extended_id=False,
-        is_remote_frame=frame.rtr,
-        data=frame.data,
-    )
-
-
-def to_frame(message: can.Message) -> Frame | None:
-    """Return python-can's message as a frame; None for an error, extended or CAN FD frame."""
-    if message.is_error_frame or message.is_extended_id or message.is_fd:
-        return None
-    return Frame(message.arbitration_id, bytes(message.data), message.is_remote_frame)
 
 
 def hears_others_of_process(bus: can.BusABC) -> bool:
     """Return whether another handle on this bus, also of this process, receives sent frames."""
     return isinstance(bus, SocketcanBus | UdpMulticastBus | VirtualBus)
-
-
-def is_stray(bus: can.BusABC, error: Exception) -> bool:
-    """Return whether a bus has received an invalid message; anybody may send to a group."""
-    if not isinstance(bus, UdpMulticastBus) or not isinstance(error, can.CanOperationError):
-        return False
-    # If the bus has failed, the cause is an OSError, or there is none.
-    return error.__cause__ is not None and not isinstance(error.__cause__, OSError)
-
-
-def received(bus: can.BusABC, timeout: float) -> can.Message | None:
-    """Return the next message of a bus, None if none came within `timeout` s.
-
-    Invalid messages are skipped, for at most 0.1 s longer, because they may be endless.
-    """
-    end = monotonic() + timeout
-    while True:
-        try:
-            return bus.recv(max(0.0, end - monotonic()))
-        except can.CanOperationError as error:
-            if not is_stray(bus, error):
-                raise
-            if monotonic() > end + _STRAY_S:
-                return None
 
 
 class PythonCanBus:
@@ -131,9 +101,8 @@ class PythonCanBus:
         if bitrate is not None:
             options["bitrate"] = bitrate
         with opening(interface, channel, BusError):
-            opened = kept_here({"interface": interface, "channel": channel, **options})
-            self._bus = can.Bus(**opened)
-        self._socket = open_socket(self._bus, configured(opened).get("channel"))
+            self._bus = open_bus({"interface": interface, "channel": channel, **options})
+        self._socket = open_socket(self._bus)
         wire = self._socket or _Driver(self._bus)
         self.send = wire.send
         self.wait = wire.wait
@@ -213,7 +182,7 @@ class _Driver:
 
     def _receive(self, timeout: float) -> can.Message | None:
         try:
-            return received(self._bus, timeout)
+            return self._bus.recv(timeout)
         except (can.CanError, OSError) as error:
             raise BusError(f"cannot receive: {error}") from error
 

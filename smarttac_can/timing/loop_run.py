@@ -23,9 +23,10 @@ from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.background import Background
 from smarttac_can.host.bus import BusError
+from smarttac_can.host.can_socket import to_frame, to_message
 from smarttac_can.host.drivers import opening
 from smarttac_can.host.kernel_filter import enlarge_buffer, receive_only
-from smarttac_can.host.python_can import kept_here, received, to_frame, to_message
+from smarttac_can.host.python_can import open_bus
 from smarttac_can.master.errors import BenchError
 from smarttac_can.master.requests import upload
 from smarttac_can.od.cia import DEVICE_TYPE, HEARTBEAT_ID, SDO_TX_ID, SYNC_ID
@@ -222,7 +223,7 @@ def _stamped(bus: Mapping[str, Any]) -> Iterator[can.BusABC]:
         If the bus cannot be opened, or its interface has no such time stamps.
     """
     with opening(bus.get("interface"), bus.get("channel"), BusError):
-        opened = can.Bus(**kept_here(bus))
+        opened = open_bus(bus)
     with opened:
         if not isinstance(opened, SocketcanBus | UdpMulticastBus):
             raise BusError(
@@ -263,7 +264,7 @@ def listening(
             while not over:
                 over = ended.wait(_FETCH_S)
                 # Frames may come endlessly: stop at those that came after the end.
-                while (message := received(opened, 0.0)) is not None and message.timestamp <= end:
+                while (message := opened.recv(0.0)) is not None and message.timestamp <= end:
                     frame = to_frame(message)
                     if frame is not None:
                         feed(message.timestamp, frame)
@@ -295,7 +296,7 @@ def require_free(bus: Mapping[str, Any], *ods: ObjectDictionary) -> None:
                 opened.send(to_message(upload(od.node_id, od.entry(DEVICE_TYPE))))
             end = monotonic() + _ANSWER_S
             while (left := end - monotonic()) > 0:
-                message = received(opened, left)
+                message = opened.recv(left)
                 if message is None:
                     continue
                 if message.arbitration_id == SYNC_ID:

@@ -13,7 +13,6 @@ import pytest
 from nodes_on_a_bus import GUARD_S
 
 from smarttac_can.bench.network import TappedNetwork
-from smarttac_can.host.python_can import is_stray
 
 
 def echoes(**options: Any) -> tuple[bool, bool]:
@@ -79,29 +78,3 @@ def test_it_goes_on_after_what_is_no_message(multicast: dict[str, Any]) -> None:
             network.check()
     finally:
         network.disconnect()
-
-
-@pytest.mark.parametrize("interface", ["virtual", "udp_multicast"])
-def test_a_bus_that_fails_is_not_passed_over(multicast: dict[str, Any], interface: str) -> None:
-    failure = can.CanOperationError("it broke")
-    failure.__cause__ = ValueError() if interface == "virtual" else OSError("no network")
-    options = multicast if interface == "udp_multicast" else {"channel": "failing"}
-    with can.Bus(**{**options, "interface": interface}) as bus:
-        assert not is_stray(bus, failure)
-
-
-def test_check_tells_what_has_ended_the_receiving_and_nothing_else(
-    multicast: dict[str, Any],
-) -> None:
-    stray = can.CanOperationError("could not unpack received message")
-    stray.__cause__ = ValueError("no message")
-    network = TappedNetwork()
-    network.NOTIFIER_CYCLE = 0.01
-    network.connect(**multicast)
-    network.notifier.exception = stray
-    network.check()  # before python-can has asked whether it is settled
-    assert network.notifier._on_error(stray)
-    network.disconnect()  # where there is no bus any more
-    network.notifier.exception = can.CanOperationError("it broke")
-    with pytest.raises(can.CanOperationError, match="it broke"):
-        network.check()

@@ -1,15 +1,19 @@
 """Frames of udp_multicast stay on this computer unless somebody wants them out."""
 
+import re
 import socket
 import struct
 from pathlib import Path
 from typing import Any
 
+import can
 import pytest
 
+import smarttac_can
 from smarttac_can.bench.network import TappedNetwork
 from smarttac_can.cli.shared import BusChoice, closing_network
-from smarttac_can.host.python_can import PythonCanBus, kept_here
+from smarttac_can.host import python_can
+from smarttac_can.host.python_can import PythonCanBus, open_bus
 from smarttac_can.timing.loop_run import require_free
 
 GROUP = {"interface": "udp_multicast", "channel": "239.74.163.3"}
@@ -30,26 +34,26 @@ LAB = {"interface": None, "channel": "239.74.163.3"}
 
 
 @pytest.mark.parametrize(
-    ("file", "environment", "given", "kept"),
+    ("file", "environment", "given", "hops"),
     [
-        ("", "", GROUP, True),
-        ("", "", GROUP | {"channel": "ff15:7079:7468:6f6e:6465:6d6f:6d63:6173"}, True),
-        *(("", "", GROUP | {"hop_limit": hops}, False) for hops in (0, 1, "1", 7)),
+        ("", "", GROUP, 0),
+        ("", "", GROUP | {"channel": "ff15:7079:7468:6f6e:6465:6d6f:6d63:6173"}, 0),
+        *(("", "", GROUP | {"hop_limit": hops}, int(hops)) for hops in (0, 1, "1", 7)),
         *(
-            ("", "", {"interface": other, "channel": "7", "bitrate": 125_000}, False)
+            ("", "", {"interface": other, "channel": "7", "bitrate": 125_000}, None)
             for other in ("virtual", "socketcan", "pcan")
         ),
-        (f"[default]\n{MULTICAST}channel = 239.74.163.3\n", "", NEITHER, True),
-        ("[default]\nhop_limit = 3\n", "", GROUP, False),
-        ("[default]\nhop_limit = 3\n", "", GROUP | {"ignore_config": True}, True),
-        ("", '{"hop_limit": 2}', GROUP, False),
+        (f"[default]\n{MULTICAST}channel = 239.74.163.3\n", "", NEITHER, 0),
+        ("[default]\nhop_limit = 3\n", "", GROUP, 3),
+        ("[default]\nhop_limit = 3\n", "", GROUP | {"ignore_config": True}, 0),
+        ("", '{"hop_limit": 2}', GROUP, 2),
         *(
-            (text, "", LAB | {context: "LAB"}, kept)
+            (text, "", LAB | {context: "LAB"}, hops)
             for context in ("config_context", "context")
-            for text, kept in (
-                (f"[LAB]\n{MULTICAST}hop_limit = 3\n[default]\n", False),
-                (f"[LAB]\n{MULTICAST}[default]\nhop_limit = 3\n", False),
-                (f"[LAB]\n{MULTICAST}", True),
+            for text, hops in (
+                (f"[LAB]\n{MULTICAST}hop_limit = 3\n[default]\n", 3),
+                (f"[LAB]\n{MULTICAST}[default]\nhop_limit = 3\n", 3),
+                (f"[LAB]\n{MULTICAST}", 0),
             )
         ),
     ],
@@ -58,7 +62,7 @@ def test_frames_of_a_group_are_kept_here_unless_a_hop_limit_is_given_anywhere(
     file: str,
     environment: str,
     given: dict[str, Any],
-    kept: bool,
+    hops: int | None,
     configuration: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -66,7 +70,11 @@ def test_frames_of_a_group_are_kept_here_unless_a_hop_limit_is_given_anywhere(
         configuration.write_text(file)
     if environment:
         monkeypatch.setenv("CAN_CONFIG", environment)
-    assert kept_here(given) == (given | {"hop_limit": 0} if kept else given)
+    monkeypatch.setattr(python_can, "MulticastBus", lambda **options: options)
+    monkeypatch.setattr(can, "Bus", lambda **options: options)
+    opened = open_bus(given)
+    assert opened.get("hop_limit") == hops
+    assert hops is not None or opened == given, "other interfaces are opened by python-can"
 
 
 @pytest.fixture
@@ -105,3 +113,10 @@ def test_nobody_of_us_sends_out_of_this_computer(
 def test_who_wants_out_gets_out(hops: list[int], multicast: dict[str, Any]) -> None:
     PythonCanBus(**multicast, hop_limit=1).close()
     assert hops == [1]
+
+
+def test_one_place_of_the_package_opens_buses() -> None:
+    package = Path(smarttac_can.__file__).parent
+    opening = re.compile(r"(?<!class )\b(can\.Bus|can\.ThreadSafeBus|\w*MulticastBus)\(")
+    files = {path.name for path in package.rglob("*.py") if opening.search(path.read_text("utf-8"))}
+    assert files == {"python_can.py"}, "else datagrams are decoded by python-can"

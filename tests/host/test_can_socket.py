@@ -2,9 +2,11 @@
 
 import socket
 import struct
+import tracemalloc
 from collections import deque
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from queue import Queue
 from time import monotonic
 from typing import Any
 
@@ -19,11 +21,20 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from nodes_on_a_bus import GUARD_S
 
+from smarttac_can.bench.network import TappedNetwork
 from smarttac_can.device.frame import Frame
 from smarttac_can.host import can_socket
 from smarttac_can.host.bus import BusError, QueueFullError
-from smarttac_can.host.can_socket import CanSocket, SocketCan, _Multicast, open_socket
-from smarttac_can.host.python_can import PythonCanBus, to_frame, to_message
+from smarttac_can.host.can_socket import (
+    CanSocket,
+    MulticastBus,
+    SocketCan,
+    _Multicast,
+    open_socket,
+    to_frame,
+    to_message,
+)
+from smarttac_can.host.python_can import PythonCanBus, open_bus
 
 WIDTHS = (0, 0x7F, 0x80, 0xFF, 0x100, 0x7FF)
 """Identifiers at which the width of an integer in MessagePack changes, and the last one."""
@@ -89,7 +100,7 @@ def test_a_frame_of_the_loop_is_unpacked_once(
     codec, frame = _Multicast(), Frame(can_id, data)
     assert codec.decode(write(frame)) == frame
 
-    def refuse(data: bytes) -> None:
+    def refuse(data: bytes, **_limits: int) -> None:
         raise AssertionError("unpacked")
 
     monkeypatch.setattr(can_socket.msgpack, "unpackb", refuse)
@@ -165,7 +176,10 @@ SOUND = {
     "is_remote_frame": False,
     "is_error_frame": False,
     "is_fd": False,
+    "dlc": 0,
     "data": b"",
+    "bitrate_switch": False,
+    "error_state_indicator": False,
 }
 ANYTHING = st.recursive(
     st.none() | st.booleans() | st.integers(-(2**63), 2**64 - 1) | st.floats() | st.text()
@@ -206,16 +220,103 @@ def test_a_map_of_anything_is_a_frame_or_none(
         assert heard is None
 
 
-@pytest.mark.parametrize(
-    ("fields", "heard"),
-    [
-        *(({"data": data}, None) for data in (3, True, "text", [1, 2], {1: 2}, 1.5)),
-        ({"data": None}, Frame(1)),
-        ({"data": b"data", "is_remote_frame": True}, Frame(1, rtr=True)),
-    ],
-)
-def test_data_of_another_kind(fields: dict[str, object], heard: Frame | None) -> None:
-    assert _Multicast().decode(msgpack.packb(SOUND | fields)) == heard
+MALFORMED = [
+    *({"data": data} for data in (0, 3, True, None, "text", [1, 2], {1: 2}, 1.5, bytes(9))),
+    *({"data": data, "dlc": 65, "is_fd": True} for data in (bytes(65), 1 << 30)),
+    *({"dlc": dlc} for dlc in (1, -1, None, 0.0, "0", False)),
+    *({"arbitration_id": number} for number in (-1, 0x800, 1.0, True, None, "1")),
+    *({flag: value} for flag in SOUND if flag.startswith("is_") for value in (0, 1, None, "")),
+    {"bitrate_switch": True},
+    {"error_state_indicator": True},
+    {"is_remote_frame": True, "is_error_frame": True},
+]
+
+
+@pytest.mark.parametrize("fields", MALFORMED, ids=repr)
+def test_a_malformed_field_is_skipped_and_counted(fields: dict[str, object]) -> None:
+    codec = _Multicast()
+    assert codec.decode(msgpack.packb(SOUND | fields)) is None
+    assert codec.malformed == 1
+    assert codec.decode(msgpack.packb(SOUND)) == Frame(1)
+    assert codec.malformed == 1
+
+
+def test_a_missing_field_is_skipped_and_counted() -> None:
+    codec = _Multicast()
+    for count, name in enumerate(SOUND, 1):
+        rest = {key: value for key, value in SOUND.items() if key != name}
+        assert codec.decode(msgpack.packb(rest)) is None
+        assert codec.malformed == count
+
+
+@many
+@given(messages())
+def test_the_decoder_reads_a_message_as_python_can_does(message: can.Message) -> None:
+    heard, wanted = _Multicast().message(pack_message(message), 7.0), message
+    assert heard is not None
+    assert heard.equals(wanted, timestamp_delta=None, check_channel=False)
+    assert (heard.timestamp, heard.channel) == (7.0, None)
+
+
+HUGE = [
+    msgpack.packb(SOUND | {"data": 1 << 30}),
+    msgpack.packb(SOUND | {"data": 3 << 30, "is_fd": True, "dlc": 64}),
+    b"\xdd\xff\xff\xff\xff",  # an array of 4 294 967 295 elements
+    b"\xdc\x0f\xff" * 500 + bytes(2000),  # arrays of 4095, one in the other
+    b"\xdf\xff\xff\xff\xff",
+    b"\xc6\xff\xff\xff\xff",
+]
+
+
+@pytest.mark.parametrize("datagram", HUGE, ids=lambda data: data[:5].hex())
+def test_a_datagram_takes_no_more_memory_than_it_has(
+    datagram: bytes, multicast: dict[str, Any]
+) -> None:
+    with open_bus(multicast) as bus, can.Bus(**multicast) as other:
+        assert isinstance(bus, MulticastBus)
+        other._multicast.send(datagram)
+        other.send(to_message(Frame(1, b"sound")))
+        tracemalloc.start()
+        try:
+            heard = bus.recv(GUARD_S)
+            _, peak = tracemalloc.get_traced_memory()
+        finally:
+            tracemalloc.stop()
+        assert heard is not None and to_frame(heard) == Frame(1, b"sound")
+        assert bus.codec.malformed == 1
+    assert peak < 100_000
+
+
+def test_malformed_datagrams_are_logged_when_the_bus_closes(
+    multicast: dict[str, Any], caplog: pytest.LogCaptureFixture
+) -> None:
+    node, bench = PythonCanBus(**multicast), TappedNetwork().connect(**multicast)
+    with can.Bus(**multicast) as other:
+        heard: Queue[bytes] = Queue()
+        bench.subscribe(1, lambda _can_id, data, _stamp: heard.put(bytes(data)))
+        for _ in range(3):
+            other._multicast.send(b"no message" * 10)
+        other.send(to_message(Frame(1, b"after")))
+        assert node.receive(GUARD_S) == Frame(1, b"after")
+        assert heard.get(timeout=GUARD_S) == b"after"
+        bench.check()
+    assert not caplog.messages
+    node.close()
+    bench.disconnect()
+    wanted = "skipped 3 datagrams to 239.74.163.3 that are no CAN frames"
+    assert [message.partition(":")[0] for message in caplog.messages] == [wanted] * 2
+    node.close()
+    assert len(caplog.messages) == 2
+
+
+@pytest.mark.parametrize("fd", [False, True])
+def test_a_bus_without_can_fd_hears_no_fd_frame(fd: bool, multicast: dict[str, Any]) -> None:
+    wide = can.Message(arbitration_id=1, is_extended_id=False, is_fd=True, data=bytes(64))
+    with open_bus(multicast | {"fd": fd}) as bus, can.Bus(**multicast) as other:
+        other.send(wide)
+        other.send(to_message(Frame(2)))
+        heard = [bus.recv(GUARD_S) for _ in range(1 + fd)]
+    assert [message and message.arbitration_id for message in heard] == [1, 2][not fd :]
 
 
 def test_own_echo_is_dropped_and_an_equal_frame_of_another_party_heard() -> None:
@@ -403,10 +504,10 @@ def test_only_an_interface_whose_bytes_are_known_is_used(
     multicast: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with can.Bus("toy", "virtual") as bus:
-        assert open_socket(bus, "toy") is None
+        assert open_socket(bus) is None
     monkeypatch.setattr(can_socket, "_NOW", 0)
-    with can.Bus(**multicast) as bus:
-        assert open_socket(bus, "") is None, "a system whose sockets cannot but wait"
+    with open_bus(multicast) as bus:
+        assert open_socket(bus) is None, "a system whose sockets cannot but wait"
 
 
 def test_python_can_on_the_same_group(multicast: dict[str, Any]) -> None:
@@ -447,22 +548,16 @@ def test_group_of_the_configuration(
     named.close()
 
 
-class NoGroup(UdpMulticastBus):
-    """A multicast bus without the network."""
-
-    def __init__(self, end: socket.socket) -> None:
-        self.fileno = end.fileno
-        self._is_shutdown = True
-
-
 def test_group_without_any_configuration(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("CAN_INTERFACE", "CAN_CHANNEL", "CAN_CONFIG"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(can.util, "CONFIG_FILES", [])
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
-        end.bind(("127.0.0.1", 0))
-        under_test = open_socket(NoGroup(end), None)
-        assert under_test is not None
-        port = end.getsockname()[1]
-        assert under_test._address == (UdpMulticastBus.DEFAULT_GROUP_IPv6, port)
-        under_test.close()
+    opened: list[tuple[object, ...]] = []
+    monkeypatch.setattr(
+        UdpMulticastBus, "__init__", lambda self, *options, **_: opened.append(options)
+    )
+    monkeypatch.setattr(UdpMulticastBus, "shutdown", lambda self: None)
+    bus = open_bus({"interface": "udp_multicast", "channel": None})
+    assert isinstance(bus, MulticastBus)
+    assert opened == [(bus.group,)] == [(UdpMulticastBus.DEFAULT_GROUP_IPv6,)]
+    bus._is_shutdown = True

@@ -6,6 +6,7 @@ from importlib import util
 import can
 import pytest
 
+from smarttac_can.host import python_can
 from smarttac_can.host.bus import BusError
 from smarttac_can.host.drivers import cure, unknown_options
 from smarttac_can.host.python_can import PythonCanBus
@@ -127,6 +128,7 @@ def test_a_bus_that_cannot_be_opened_has_its_cure(
 
     interface, channel, configured = bus
     monkeypatch.setattr(can, "Bus", refuse)
+    monkeypatch.setattr(python_can, "MulticastBus", refuse)
     monkeypatch.setattr(can, "rc", {"channel": configured} if configured else {})
     with pytest.raises(BusError) as refusal:
         PythonCanBus(interface, channel)

@@ -21,6 +21,7 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.host import kernel_filter
 from smarttac_can.host.can_socket import open_socket
 from smarttac_can.host.kernel_filter import drop, enlarge_buffer, receive_only
+from smarttac_can.host.python_can import open_bus
 
 WIDTHS = (0x000, 0x001, 0x07F, 0x080, 0x0CC, 0x0CD, 0x0FF, 0x100, 0x7CC, 0x7FF)
 """Identifiers at the ends of what MessagePack writes in one, two and three bytes."""
@@ -107,8 +108,8 @@ def test_what_the_filter_does_not_know_passes(
 def test_own_echoes_do_not_reach_the_socket_and_equal_frames_of_others_do(
     multicast: dict[str, Any], blocked: Iterable[int] | None, rtr: bool
 ) -> None:
-    with can.Bus(**multicast) as mine, can.Bus(**multicast) as other:
-        sockets = [open_socket(bus, multicast["channel"]) for bus in (mine, other)]
+    with open_bus(multicast) as mine, open_bus(multicast) as other:
+        sockets = [open_socket(bus) for bus in (mine, other)]
         me, another = (party for party in sockets if party is not None)
         with closing(me), closing(another):
             if blocked is not None:  # else the filter is the one that open_socket has set

@@ -16,7 +16,8 @@ from toy_node import SYNC
 from smarttac_can.device.frame import Frame
 from smarttac_can.host import python_can
 from smarttac_can.host.bus import BusError, QueueFullError
-from smarttac_can.host.python_can import PythonCanBus, to_frame, to_message
+from smarttac_can.host.can_socket import to_frame, to_message
+from smarttac_can.host.python_can import PythonCanBus
 
 DATA_FRAMES = st.builds(Frame, st.integers(0, 0x7FF), st.binary(max_size=8), st.just(False))
 REMOTE_FRAMES = st.builds(Frame, st.integers(0, 0x7FF), st.just(b""), st.just(True))
