@@ -72,9 +72,9 @@ class Lease:
             return self._who is who
 
     def renew(self, who: object, now: float) -> None:
-        """Record that a page was received at a time in s."""
+        """Record that a page was received at a time in s; a right that has run out stays so."""
         with self._lock:
-            if self._who is who:
+            if self._who is who and now - self._heard <= LEASE_S:
                 self._heard = now
 
     def drop(self, who: object) -> bool:
@@ -103,8 +103,10 @@ class Seen(NamedTuple):
     """State of an instrument at one instant."""
 
     at: float
-    """Time in s of `time.monotonic`."""
+    """Time in s of `time.monotonic` at which its step began."""
     view: View
+    stopping: bool
+    """Whether a stop was requested, and the stimulator is not known to be disarmed yet."""
 
 
 class Instrument(Background, ABC):
@@ -262,7 +264,8 @@ class SimulatedBench(Instrument):
     def _look(self, now: float) -> Seen:
         read = self._link.read
         seen = {name: read(name) for name in (*PUBLISHED, "Statusword", "Mode display")}
-        return Seen(now, view_of(self.od, seen, {name: read(name) for name in READ}))
+        view = view_of(self.od, seen, {name: read(name) for name in READ})
+        return Seen(now, view, self._stops())
 
     def _obey(self, text: str) -> str:
         name, *arguments = text.split() or [""]
@@ -340,7 +343,7 @@ class BusInstrument(Instrument):
         answer = self._operator.step(now)
         if answer is not None:
             self.answer = answer
-        self.seen = Seen(now, self._watcher.view(now))
+        self.seen = Seen(now, self._watcher.view(now), self._stops())
 
     def _stops(self) -> bool:
         return super()._stops() or self._watcher.stopping

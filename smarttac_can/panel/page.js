@@ -1,10 +1,15 @@
 "use strict";
 // One WebSocket to the server that this page came from. Each update is answered when it has been
 // drawn: the server sends no other one before, and takes the answer for the sign of life of a driver.
+//
+// The page does not wait for an update to tell that there is none: its own clock calls `judge`. An
+// update was made after the answer to the one before, so it is no older than that, however long the
+// network has kept it. What was live is dimmed and dated when it is older than `OLD_S`.
 
 const $ = id => document.getElementById(id);
 const HALF_MM = 38, WINDOW_S = 60, KEPT_S = 600;
 const GAP_S = .5;                        // without an update is a gap of the charts
+const OLD_S = 1, JUDGE_MS = 100;
 const token = location.hash.slice(1);
 const CHARTS = [
   ["COF", "", [["Contact.COF", "#1565c0"], ["Contact.COF reference", "#e07b00"]]],
@@ -19,6 +24,10 @@ const LEFT = 52, RIGHT = 8;              // of a chart, beside its curves
 const CLOSED = [1008, 1013];             // with a reason: no page that comes again by itself
 
 let socket, about, update = null;
+let answeredAt = 0;                      // of the last update: by performance.now, as all times in ms
+let newsAt = -Infinity, newsDate = "";   // of what is shown, at the latest
+let gone = "Connecting.";                // why there is no connection
+let stops = 0, stopAt = null;            // stops sent on this connection; the first not confirmed
 let samples = [];                        // {t, values}
 let span = WINDOW_S, end = null;         // of the charts in s; the newest sample if null
 let pausedAt = null, cursor = null;      // the cursor as a share of the width
@@ -31,27 +40,64 @@ const shown = (value, digits = 3) => value === undefined ? "-" : value.toFixed(d
 
 function connect() {
   socket = new WebSocket(`ws://${location.host}/live`);
+  answeredAt = performance.now();
   socket.onmessage = event => {
     const message = JSON.parse(event.data);
-    if (!("n" in message)) { introduce(message); drive(); return; }
+    if (!("n" in message)) {
+      stops = 0;
+      introduce(message);
+      drive();
+      if (stopAt !== null) stop();  // it was meant, and may not have arrived
+      return;
+    }
     show(message);
     send({do: "seen", n: message.n});
+    answeredAt = performance.now();
   };
   socket.onclose = event => {
     const closed = CLOSED.includes(event.code);
-    update = null;
-    $("state").textContent = "no connection";
-    $("state").className = "badge fault";
-    $("driving").disabled = $("drive").disabled = true;
-    alarm(closed ? `The panel has closed this page: ${event.reason}. Open the address that smarttac panel printed.` :
-      "No connection. Does smarttac panel still run?");
+    gone = closed ? `The panel has closed this page: ${event.reason}. Open the address that smarttac panel printed.` :
+      "No connection. Does smarttac panel still run?";
+    newsAt = -Infinity;
+    judge();
     if (!closed) setTimeout(connect, 1000);
   };
 }
 
-function alarm(words) {
-  $("alarm").textContent = words;
-  $("alarm").hidden = !words;
+function stop() {
+  if ($("stop").hidden) { stopAt = null; return; }  // a page that only looks on
+  stopAt ??= performance.now();
+  stops += 1;
+  send({do: "stop"});
+  judge();
+}
+
+const isOld = () => performance.now() - newsAt > 1e3 * OLD_S;
+const drives = () => !isOld() && update.drives;
+
+// Show what is known now, whether an update has come or not.
+function judge() {
+  const old = isOld(), words = [];
+  document.body.classList.toggle("old", old);
+  $("dated").textContent = old && newsDate ? `as of ${newsDate}` : "";
+  $("state").textContent = gone ? "no connection" : old ? "no news" : update.state || "nothing heard";
+  $("state").className = `badge ${old ? "fault" : update.state}`;
+  $("drive").disabled = old;
+  $("driving").disabled = !drives();
+  if (stopAt !== null && (old || performance.now() - stopAt > 1e3 * OLD_S))
+    words.push("STOP IS NOT CONFIRMED: cut the supply of the power stage.");
+  if (gone) words.push(gone);
+  else if (old) words.push("No news: the panel, its computer or the network stands still. What is dimmed is old.");
+  else {
+    for (const [text, remedy] of update.faults || [])
+      words.push(`FAULT: ${text}. The plate is at 0 V.\nTo do: ${remedy}${about.simulated ? "; here, click Mend" : ""}. ` +
+        "Then click Reset fault, and a mode.");
+    words.push(...update.notes || []);
+  }
+  const alarm = words.join("\n");
+  // A screen reader says what is written anew.
+  if ($("alarm").textContent !== alarm) $("alarm").textContent = alarm;
+  $("alarm").hidden = !alarm;
 }
 
 function introduce(message) {
@@ -107,25 +153,21 @@ function setPoint({name, unit, low, high, step}) {
 
 function show(now) {
   update = now;
+  gone = "";
   const values = now.values || {};
   if (now.t !== undefined && now.t !== samples.at(-1)?.t) samples.push({t: now.t, values});
   while (samples.length && samples[0].t < now.t - KEPT_S) samples.shift();
-  const stale = now.age === undefined || now.age > 1;
-  $("state").textContent = stale ? "no news" : now.state || "nothing heard";
-  $("state").className = `badge ${stale ? "fault" : now.state}`;
+  newsAt = now.age === undefined ? -Infinity : answeredAt - 1e3 * now.age;
+  if (now.age !== undefined) newsDate = new Date(Date.now() - performance.now() + newsAt).toLocaleTimeString();
+  if (now.stops === stops) stopAt = null;
+  judge();
   $("mode").textContent = now.mode ? `mode ${now.mode}` : "";
   $("flags").textContent = (now.flags || []).join(", ");
   $("answer").textContent = now.answer;
-  $("drive").disabled = false;
   $("drive").textContent = now.drives ? "Release" : "Drive";
   $("drive").title = now.drives ? "You drive. Release it, at 0 V, for another page" : "Take the stimulator, if no other page drives";
-  $("driving").disabled = !now.drives;
   for (const made of $("modes").children)
     made.className = made.textContent === now.mode ? "on" : "";
-  const faults = (now.faults || []).map(([text, remedy]) =>
-    `FAULT: ${text}. The plate is at 0 V.\nTo do: ${remedy}${about.simulated ? "; here, click Mend" : ""}. ` +
-    "Then click Reset fault, and a mode.");
-  alarm([...faults, ...(now.notes || [])].join("\n"));
   for (const {name, object} of about.set_points)
     if (values[object] !== undefined) showUnlessFocused(setPointOf(name), +values[object].toFixed(4));
   for (const [id, object, laws] of [["law", "Friction law", about.laws],
@@ -361,7 +403,7 @@ function lift() {
 
 function sendFinger() {
   const goal = finger && JSON.stringify({do: "finger", x: finger.x, force: finger.force});
-  if (goal && goal !== sentFinger && update?.drives && about.simulated) {
+  if (goal && goal !== sentFinger && drives() && about.simulated) {
     socket.send(goal);
     sentFinger = goal;
   }
@@ -382,15 +424,14 @@ function begin() {
     };
     $("charts").append(chart);
   }
-  const stop = () => send({do: "stop"});
   $("stop").onclick = stop;
   for (const kind of ["keydown", "keyup"])
     addEventListener(kind, event => {
       if (event.code !== "Space") return;
       event.preventDefault();
-      if (kind === "keydown") stop();
+      if (kind === "keydown" && !event.repeat) stop();
     }, true);
-  $("drive").onclick = () => update?.drives ? send({do: "release"}) : drive();
+  $("drive").onclick = () => drives() ? send({do: "release"}) : drive();
   $("pause").onclick = () => {
     pausedAt = pausedAt === null ? samples.at(-1)?.t ?? null : null;
     end = null;
@@ -418,6 +459,7 @@ function begin() {
   connect();
   draw();
   sendFinger();
+  setInterval(judge, JUDGE_MS);
 }
 
 begin();

@@ -31,7 +31,7 @@ from aiohttp import ClientConnectionError, WSMsgType, web
 from aiohttp.http import HttpProcessingError
 
 from smarttac_can import __version__
-from smarttac_can.panel.instrument import FAULTS, Instrument
+from smarttac_can.panel.instrument import FAULTS, Instrument, Seen
 from smarttac_can.vocabulary.meanings import spoken
 from smarttac_can.vocabulary.states import Law, Mode, VibrationLaw
 
@@ -76,6 +76,14 @@ class _Page:
         """Whether it has presented the token."""
         self.sent = 0
         self.seen = 0
+        self.stops = 0
+        self.stopped_at = 0.0
+        """Time in s after its last stop was passed on."""
+
+    def confirmed_stops(self, seen: Seen | None) -> int:
+        """Return the number of its stops, or -1 before a step after the last one has shown it."""
+        shown = seen is not None and seen.at > self.stopped_at and not seen.stopping
+        return self.stops if shown else -1
 
 
 class Panel:
@@ -195,7 +203,7 @@ class Panel:
         instrument = self._instrument
         do = asked["do"]
         if do == "seen":
-            if asked["n"] == page.sent != page.seen:
+            if asked["n"] == page.sent:
                 page.seen = page.sent
                 instrument.lease.renew(page, monotonic())
         elif do == "drive":
@@ -209,6 +217,8 @@ class Panel:
         elif do == "stop":
             if page.trusted:
                 instrument.stop()
+                page.stops += 1
+                page.stopped_at = monotonic()
         elif do == "line":
             if page.trusted:
                 instrument.command(page, str(asked["text"]))
@@ -262,13 +272,14 @@ class Panel:
 
     def _update(self, page: _Page) -> dict[str, Any]:
         instrument = self._instrument
+        seen = instrument.seen
         update: dict[str, Any] = {
             "n": page.sent,
             "drives": instrument.lease.held_by(page),
             "trusted": page.trusted,
             "answer": instrument.answer,
+            "stops": page.confirmed_stops(seen),
         }
-        seen = instrument.seen
         if seen is not None:
             view = seen.view
             update |= {

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import re
+import signal
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
@@ -44,6 +46,26 @@ CanvasRenderingContext2D.prototype.fillText = function (said, ...place) {
 """Has `changed` return the columns of each chart, below its title, that differ from now on, and
 `words` hold what is written into which chart."""
 
+UNCONFIRMED = "STOP IS NOT CONFIRMED: cut the supply of the power stage."
+LIVE = {"mode", "flags", "top", "charts", "readings", "answer", "driving"}
+DIMMED = """
+return [...document.querySelectorAll("*")].filter(e => getComputedStyle(e).filter !== "none")
+  .map(e => e.id)
+"""
+
+
+@contextmanager
+def panel() -> Iterator[tuple[NodeProcess, str]]:
+    """Run the command; yields it with the address that it prints."""
+    process = NodeProcess("panel", "--port", "0")
+    try:
+        said = process.lines.get(timeout=GUARD_S)
+        found = re.fullmatch(r"panel of a simulated bench: (http://\S+)", said)
+        assert found, said
+        yield process, found[1]
+    finally:
+        process.end(signal.SIGKILL)
+
 
 def voltage(bench: SimulatedBench) -> float:
     assert bench.seen is not None
@@ -60,40 +82,33 @@ def wait_for_0_v(bench: SimulatedBench) -> None:
 def test_a_person_begins_with_the_command(tmp_path: Path) -> None:
     """Within 30 s of the command the COF is changed and the plate stroked, without a network."""
     begun = monotonic()
-    panel = NodeProcess("panel", "--port", "0")
-    try:
-        found = re.fullmatch(
-            r"panel of a simulated bench: (http://\S+)", panel.lines.get(timeout=GUARD_S)
-        )
-        assert found
-        with chromium(tmp_path) as tab:
-            tab.open(found[1])
-            tab.click("friction")
-            tab.enter("cof left", "0.3")
-            tab.enter("cof right", "0.2")
-            tab.stroke(1)
-            tab.until(lambda: "Contact.COF" in tab.values())
-            tab.until(lambda: tab.values()["Setpoint.COF right"] == 0.2)
-            assert tab.values()["Setpoint.COF left"] == 0.3
-            took = monotonic() - begun
-            tab.stroke(5)
-            tab.picture("panel")
-            tab.lift()
-            complaints = tab.driver.get_log("browser")
-            assert not complaints
-            asked = [
-                urlsplit(message["params"]["request"]["url"])
-                for entry in tab.driver.get_log("performance")
-                if (message := json.loads(entry["message"])["message"])["method"]
-                == "Network.requestWillBeSent"
-            ]
-            places = {url.netloc for url in asked if url.scheme.startswith("http")}
-            assert places == {urlsplit(found[1]).netloc}
+    with panel() as (process, url), chromium(tmp_path) as tab:
+        tab.open(url)
+        tab.click("friction")
+        tab.enter("cof left", "0.3")
+        tab.enter("cof right", "0.2")
+        tab.stroke(1)
+        tab.until(lambda: "Contact.COF" in tab.values())
+        tab.until(lambda: tab.values()["Setpoint.COF right"] == 0.2)
+        assert tab.values()["Setpoint.COF left"] == 0.3
+        took = monotonic() - begun
+        tab.stroke(5)
+        tab.picture("panel")
+        tab.lift()
+        complaints = tab.driver.get_log("browser")
+        assert not complaints
+        asked = [
+            urlsplit(message["params"]["request"]["url"])
+            for entry in tab.driver.get_log("performance")
+            if (message := json.loads(entry["message"])["message"])["method"]
+            == "Network.requestWillBeSent"
+        ]
+        places = {each.netloc for each in asked if each.scheme.startswith("http")}
+        assert places == {urlsplit(url).netloc}
         MEASURED.append(f"from the command to a stroke: {took:.1f} s")
         assert took <= FIRST_USE_S
-    finally:
-        status, _, complaint = panel.end()
-    assert (status, complaint) == (0, "")
+        status, _, complaint = process.end()
+        assert (status, complaint) == (0, "")
 
 
 def test_charts_move_pause_and_are_saved(browser: Tab) -> None:
@@ -287,6 +302,87 @@ def test_the_space_bar_is_0_v_two_cycles_after_it_is_received(browser: Tab) -> N
         f"median of {STOPS} {median(took):.1f} ms, longest {max(took):.1f} ms"
     )
     assert max(cycles) <= MOST_CYCLES
+
+
+def test_a_panel_that_stands_still_is_no_news(browser: Tab) -> None:
+    """And so is one that is gone. The page has no other sign of it than its own clock."""
+    with panel() as (process, url):
+        browser.open(url)
+        browser.click("Strokes by itself")
+        browser.click("friction")
+        browser.until(lambda: browser.text("flags") == "live, driving, touching")
+        browser.until(lambda: browser.values().get("Contact.COF"))
+        sleep(4.0)
+        assert not browser.driver.execute_script(DIMMED)
+        assert not browser.text("dated")
+        process.process.send_signal(signal.SIGSTOP)
+        begun = monotonic()
+        browser.until(lambda: browser.text("state") == "no news")
+        MEASURED.append(f"from SIGSTOP to no news: {monotonic() - begun:.1f} s")
+
+        def is_dimmed_and_dated() -> None:
+            assert set(browser.driver.execute_script(DIMMED)) == LIVE
+            assert re.fullmatch(r"as of \d.*", browser.text("dated"))
+            for name in ("driving", "drive"):
+                assert browser.driver.find_element(By.ID, name).get_attribute("disabled")
+
+        is_dimmed_and_dated()
+        assert browser.text("alarm").startswith("No news: the panel, its computer or the network")
+        browser.driver.find_element(By.ID, "stop").click()
+        assert browser.text("alarm").startswith(UNCONFIRMED)
+        browser.picture("no-news")
+        process.process.send_signal(signal.SIGCONT)
+        browser.until(lambda: browser.text("state") == "ready" and not browser.text("alarm"))
+        assert not browser.driver.execute_script(DIMMED)
+        assert not browser.text("dated")
+        process.process.kill()
+        browser.until(lambda: browser.text("state") == "no connection")
+        is_dimmed_and_dated()
+        assert browser.text("alarm") == "No connection. Does smarttac panel still run?"
+        browser.press_space()
+        assert browser.text("alarm").startswith(UNCONFIRMED)
+
+
+def test_an_update_that_comes_late_is_no_news(browser: Tab) -> None:
+    with served(SimulatedBench()) as url:
+        browser.open(url)
+        late = (
+            "const now = socket.onmessage; let shown = 0;"
+            "socket.onmessage = event => setTimeout(() => {"
+            "now(event); window.seen = [++shown, state.textContent]; }, 1500)"
+        )
+        browser.driver.execute_script(late)
+        browser.until(lambda: browser.driver.execute_script("return window.seen?.[0] > 1"))
+        assert browser.driver.execute_script("return window.seen[1]") == "no news"
+
+
+def test_a_stop_that_is_not_obeyed_is_not_confirmed(browser: Tab) -> None:
+    """The panel goes on to say what there is: the plate runs."""
+    bench = SimulatedBench()
+    with served(bench) as url:
+        browser.open(url)
+        browser.run_open_loop()
+        obeyed, bench._begin_stop = bench._begin_stop, lambda: False  # type: ignore[method-assign]
+        browser.press_space()
+        assert not browser.text("alarm")
+        browser.until(lambda: browser.text("alarm") == UNCONFIRMED)
+        assert browser.text("state") == "running"
+        bench._begin_stop = obeyed  # type: ignore[method-assign]
+        browser.until(lambda: not browser.text("alarm"))
+        assert browser.text("state") == "ready"
+
+
+def test_a_stop_without_a_connection_is_sent_when_it_is_back(browser: Tab) -> None:
+    bench = SimulatedBench()
+    with served(bench) as url:
+        browser.open(url)
+        browser.until(lambda: browser.driver.find_element(By.ID, "driving").is_enabled())
+        browser.driver.execute_script("socket.close()")
+        browser.until(lambda: browser.text("state") == "no connection")
+        browser.press_space()
+        assert browser.text("alarm").startswith(UNCONFIRMED)
+        browser.until(lambda: browser.text("state") == "ready" and not browser.text("alarm"))
+        assert bench.answer == "stop"
 
 
 def test_a_closed_tab_stops_and_another_one_may_drive(browser: Tab) -> None:

@@ -16,6 +16,16 @@ ATTEMPTS = 4
 LEFT = "the page that drove has left: stopped"
 
 
+class CountedStops(SimulatedBench):
+    """A bench that counts the stops of its pages."""
+
+    stops = 0
+
+    def stop(self, why: str = "stop") -> None:
+        self.stops += why == "stop"
+        super().stop(why)
+
+
 def test_a_page_shows_what_the_instrument_shows() -> None:
     async def script(browser: Browser) -> None:
         async with browser.session.get(browser.url) as answer:
@@ -162,6 +172,50 @@ def test_a_page_that_floods_is_closed_and_holds_nobody_up(do: str) -> None:
                     if driver.now["drives"] and voltage(bench) == 40.0:
                         return
         pytest.fail("the page that drives was not heard meanwhile")
+
+    bench = SimulatedBench()
+    browse(bench, script)
+
+
+def test_messages_are_counted_by_the_second(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A page may make 500 in each; these are 600 in two, and the answers to updates."""
+    now = 0.0
+    monkeypatch.setattr("smarttac_can.panel.server.monotonic", lambda: now)
+
+    async def script(browser: Browser) -> None:
+        nonlocal now
+        async with browser.page() as page:
+            for count in (1, 2):
+                for _ in range(300):
+                    await page.send(do="finger", x=0.0, force=0.5)
+                await page.send(do="drive", token=TOKEN)
+                await page.send(do="stop")
+                await page.until(lambda count=count: bench.stops == count)
+                now += 1.1
+
+    bench = CountedStops()
+    browse(bench, script)
+
+
+@pytest.mark.parametrize("held_up", ["step", "_begin_stop"])
+def test_a_stop_is_confirmed_once_a_step_has_shown_it(
+    held_up: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def script(browser: Browser) -> None:
+        async with browser.page() as page, browser.page() as other:
+            await page.run_open_loop()
+            assert page.now["stops"] == 0
+            with monkeypatch.context() as patched:
+                patched.setattr(bench, held_up, lambda *_: None)
+                await page.send(do="stop")
+                await page.until(lambda: page.now["stops"] == -1)
+                shown = len(page.numbers)
+                await page.until(lambda: len(page.numbers) > shown + 3)
+                assert page.now["stops"] == -1
+                assert page.now["state"] == "running"
+            await page.until(lambda: page.now["stops"] == 1)
+            assert page.now["state"] == "ready"
+            assert other.now["stops"] == 0, "of another page"
 
     bench = SimulatedBench()
     browse(bench, script)
