@@ -1,14 +1,22 @@
-"""A simulated bench stepped by hand: who may drive it, and how soon it is at 0 V."""
+"""An instrument stepped by hand: who may drive it, and how soon it is at 0 V."""
 
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterator
 from math import hypot
+from time import monotonic
 
 import pytest
+from nodes_on_a_bus import GUARD_S, until
 from open_pages import voltage
 
+from smarttac_can.bench import Stimulator
 from smarttac_can.bench.link import Row, never
-from smarttac_can.panel.instrument import FAULTS, Lease, SimulatedBench
-from smarttac_can.vocabulary.states import Law, VibrationLaw
+from smarttac_can.bench.simulation import open_guided_link
+from smarttac_can.device.frame import Frame
+from smarttac_can.panel.instrument import FAULTS, BusInstrument, Lease, SimulatedBench
+from smarttac_can.vocabulary.states import Law, Mode, VibrationLaw
+from smarttac_can.watch.listener import Listener
+from smarttac_can.watch.watcher import Watcher
 
 ME, OTHER = object(), object()
 
@@ -58,7 +66,8 @@ def test_one_drives_until_he_is_not_heard() -> None:
     lease.renew(ME, 1.5)
     assert not lease.expire(2.29)
     assert lease.held_by(ME)
-    assert lease.expire(2.31)
+    lease.renew(ME, 2.31)
+    assert lease.expire(2.31), "what waited while all stood still comes too late"
     assert not lease.held_by(ME)
     assert not lease.drop(ME)
     assert lease.take(OTHER, 9.0)
@@ -118,6 +127,23 @@ def test_a_stop_takes_back_what_waits(by_hand: ByHand) -> None:
     by_hand.go_on(0.1)
     assert by_hand.state == "ready"
     assert by_hand.bench.answer == "stop"
+
+
+def test_a_line_between_a_stop_and_0_v_is_refused(by_hand: ByHand) -> None:
+    by_hand.bench.stop()
+    by_hand.bench.command(ME, "mode open_loop")
+    assert by_hand.bench.answer == "mode open_loop: not done, wait for what is being done"
+
+
+def test_the_end_of_an_instrument_is_0_v() -> None:
+    """Of a page that goes on driving."""
+    with SimulatedBench() as bench:
+        bench.lease.take(ME, monotonic() + GUARD_S)
+        for text in ("voltage 40", "mode open_loop"):
+            bench.command(ME, text)
+        until(lambda: bench.seen and voltage(bench) == 40.0)
+    assert voltage(bench) == 0.0
+    assert bench.answer == "the panel has ended: stopped"
 
 
 def test_only_who_drives_commands_and_guides(by_hand: ByHand) -> None:
@@ -245,3 +271,78 @@ def test_a_machine_that_slept_does_not_make_up_for_it(by_hand: ByHand) -> None:
     after = by_hand.value("Cycle.Cycles")
     assert after is not None
     assert after - before == 200
+
+
+# On a bus.
+
+
+class QuietBus:
+    """A bus that says nothing."""
+
+    def send(self, frame: Frame) -> None:
+        pass
+
+    def wait(self, timeout: float) -> None:
+        pass
+
+    def read(self, frames: deque[Frame]) -> bool:
+        return False
+
+    def block(self, can_ids: frozenset[int]) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
+class OnABus:
+    """An instrument that `ME` drives, and what it knows of the bus."""
+
+    def __init__(self) -> None:
+        link, od, _ = open_guided_link()
+        self.stimulator = Stimulator(link, od)
+        self.watcher = Watcher(od)
+        self.instrument = BusInstrument(
+            "a bus", od, self.watcher, Listener(QuietBus), self.stimulator
+        )
+        self.instrument.lease.take(ME, 0.0)
+
+
+@pytest.fixture
+def on_a_bus() -> Iterator[OnABus]:
+    made = OnABus()
+    yield made
+    made.instrument._operator.end()
+
+
+def test_a_line_that_waits_is_refused_once_the_drive_is_lost(on_a_bus: OnABus) -> None:
+    instrument = on_a_bus.instrument
+    instrument.command(ME, "mode open_loop")
+    instrument.lease.drop(ME)
+
+    def answer() -> str:
+        instrument.step(1.0)
+        return instrument.answer
+
+    until(answer)
+    assert instrument.answer == "mode open_loop: not done, its page does not drive"
+    assert on_a_bus.stimulator.mode is Mode.OFF
+
+
+def test_a_stop_holds_lines_until_the_node_is_disarmed(on_a_bus: OnABus) -> None:
+    instrument = on_a_bus.instrument
+
+    def holds(now: float) -> bool:
+        instrument.step(now)
+        instrument.answer = ""
+        instrument.command(ME, "mode open_loop")
+        assert instrument.seen is not None
+        assert instrument.seen.stopping == bool(instrument.answer)
+        return instrument.seen.stopping
+
+    on_a_bus.watcher.receive(0.9, Frame(0x1A0, bytes((2, 1, 1))))
+    instrument.stop()
+    assert holds(1.0)
+    assert holds(2.0)
+    on_a_bus.watcher.receive(2.5, Frame(0x1A0, bytes((0, 1, 0))))
+    assert not holds(3.0)
