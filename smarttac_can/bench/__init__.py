@@ -12,7 +12,12 @@ from smarttac_can.bench.events import Event, Events
 from smarttac_can.bench.link import Reading
 from smarttac_can.bench.plate_loads import Placing, Weighing, read_plan
 from smarttac_can.bench.recording import Recording
-from smarttac_can.bench.recording_file import RecordedData, make_recording, read_recording
+from smarttac_can.bench.recording_file import (
+    RecordedData,
+    UnknownChannelError,
+    make_recording,
+    read_recording,
+)
 from smarttac_can.bench.self_test import selftest
 from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.bench.stimulator import Stimulator
@@ -53,6 +58,7 @@ __all__ = [
     "Texture",
     "Trace",
     "Tracking",
+    "UnknownChannelError",
     "VibrationLaw",
     "Weighing",
     "WrongDeviceError",

@@ -15,6 +15,7 @@ from typing import Any, Final
 import can
 
 from smarttac_can.bench.errors import NotRunningError
+from smarttac_can.bench.given import integer, said, truth, within
 from smarttac_can.bench.link import (
     ON_CHANGE,
     RECORDED,
@@ -29,7 +30,6 @@ from smarttac_can.bench.link import (
     never,
     published_pdos,
 )
-from smarttac_can.bench.named_objects import truth
 from smarttac_can.bench.network import TappedNetwork, raw_log
 from smarttac_can.bench.remote_device import BenchHeartbeat, RemoteDevice, bench_id, drives
 from smarttac_can.bench.simulation import plate_od, stimulator_od
@@ -44,6 +44,7 @@ from smarttac_can.od.cia import (
     EMCY_ID,
     EVENT_MANUFACTURER,
     HEARTBEAT_ID,
+    LAST_NODE_ID,
     PDO_TRANSMISSION,
     SDO_RX_ID,
     SDO_TX_ID,
@@ -78,6 +79,7 @@ _EVENT_S: Final = 0.25
 """Time in s in which, in real time, the event timers of the TPDOs (0.1 s by default) send."""
 _HEARTBEATS: Final = 3
 _CLOSING_S: Final = 0.02
+_MOST_WAIT_S: Final = 3600.0
 _OWN_ARGUMENTS: Final = ("node_id", "plate_node_id", "lockstep")
 _NEAR: Final = 0.7
 """Least similarity of a misspelt argument to a known one; 1 means equal."""
@@ -114,7 +116,12 @@ def open_can_link(
     """
     truth("lockstep", lockstep)
     if not isinstance(interface, str | None):
-        raise ValueError(f"interface {interface!r} is no name")
+        raise ValueError(f"interface {said(interface)} is no name")
+    node_id = integer("node_id", node_id, 1, LAST_NODE_ID)
+    if plate_node_id is not None:
+        plate_node_id = integer("plate_node_id", plate_node_id, 1, LAST_NODE_ID)
+    if timeout is not None:
+        timeout = within("timeout", timeout, 0, _MOST_WAIT_S, "s")
     _refuse_misspelt(interface, options)
     where = f"{interface or 'the configured bus'}:{channel or 'default'}"
     if "port" in options:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from decimal import Decimal
 from typing import Final
 
+from smarttac_can.bench.given import Given, outside
 from smarttac_can.bench.traces import Trace
 from smarttac_can.master.errors import BenchError, RefusedError
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.entry import Entry
+from smarttac_can.od.units import Quantity
 from smarttac_can.vocabulary.faults import FaultKind, value_range
 from smarttac_can.vocabulary.meanings import FAULT_KIND
 
@@ -82,20 +85,37 @@ def write_action(entry: Entry, raw: float | bytes) -> str:
     return f"write {'' if isinstance(raw, bytes) else f'{entry.shown(raw)} to '}{entry.name}"
 
 
-def refused_write(entry: Entry, raw: float | bytes, reason: Abort) -> RefusedError:
-    """Return the error of a device that has refused a raw value, or bytes, with the reason."""
-    text = f"cannot {write_action(entry, raw)}: {reason}"
+def refused_write(
+    entry: Entry, raw: float | bytes, reason: Abort, value: Given | None = None
+) -> RefusedError:
+    """Return the error of a device that has refused a value, in the words of who gave it.
+
+    Parameters
+    ----------
+    entry
+        Object of the device.
+    raw
+        Raw value, or bytes.
+    reason
+        Abort code of the device.
+    value
+        The value as it was given; None to name the object and its displayed unit.
+    """
     if isinstance(raw, bytes):
-        return RefusedError(text, reason.code)
+        return RefusedError(f"cannot {write_action(entry, raw)}: {reason}", reason.code)
+    if value is None:
+        number = Decimal(str(raw)) * entry.unit.number
+        value = Given(entry.name, Quantity(number, entry.unit.symbol))
+    name, (number, symbol) = value
     if not entry.low <= raw <= entry.high:
-        text += f": {bounds(entry)}"
-    elif entry.name == FAULT_KIND and reason.code == AbortCode.VALUE:
+        low, high = (entry.unit.times(bound, symbol) for bound in (entry.low, entry.high))
+        of = "" if name == entry.name else f"{entry.name}: "
+        return RefusedError(
+            f"{outside(name, float(number), low, high, symbol)} ({of}{reason})", reason.code
+        )
+    text = f"cannot write {value} to {entry.name}: {reason}"
+    if entry.name == FAULT_KIND and reason.code == AbortCode.VALUE:
         kind = FaultKind(round(raw))
         low, high = value_range(kind)
         text += f": Fault.Value of {kind.name.lower()} is {low} to {high}"
     return RefusedError(text, reason.code)
-
-
-def bounds(entry: Entry) -> str:
-    """Return the bounds of an object in its displayed unit, such as ``0 to 3000 nm``."""
-    return f"{entry.low * float(entry.unit.number):.12g} to {entry.shown(entry.high)}"

@@ -8,8 +8,8 @@ from queue import Empty, SimpleQueue
 from time import monotonic
 from typing import Final, Literal, NamedTuple, Self
 
+from smarttac_can.bench.given import stays_in_process, within
 from smarttac_can.bench.link import Link, Row
-from smarttac_can.bench.named_objects import finite
 from smarttac_can.device.nmt import state_text
 from smarttac_can.host.process_signals import interrupt_waits
 from smarttac_can.master.errors import BenchError
@@ -52,6 +52,8 @@ class Events:
     node_id
         Node-ID of the stimulator.
     """
+
+    __reduce_ex__ = stays_in_process("a block of events")
 
     def __init__(self, link: Link, node_id: int) -> None:
         self._link = link
@@ -104,9 +106,7 @@ class Events:
         BenchError
             Outside a ``with`` block; in lockstep and in a simulation, as `Stimulator.run`.
         """
-        length = finite("seconds", seconds)
-        if not 0 <= length <= _MOST_S:
-            raise ValueError(f"seconds {seconds} is outside 0..{_MOST_S}")
+        length = within("seconds", seconds, 0, _MOST_S, "s")
         if self._block is None:
             raise BenchError("events come in a block only, that of a with statement")
         return self._wait(length) if self._clocked else self._run(length)

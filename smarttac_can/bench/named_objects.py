@@ -5,23 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from difflib import get_close_matches
 from enum import IntEnum
-from math import isfinite, nan
-from numbers import Real
-from re import sub
 from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
+from smarttac_can.bench.errors import refused_write
+from smarttac_can.bench.given import Given, by_name, given, said, stays_in_process
 from smarttac_can.bench.link import Link
 from smarttac_can.master.errors import BenchError, RefusedError
-from smarttac_can.od.cia import AbortCode
+from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
-from smarttac_can.od.units import Quantity
 from smarttac_can.vocabulary.meanings import SIMULATION
 from smarttac_can.vocabulary.states import State, state_in
 
 _HINTS: Final = 3
-_LEFT_OF_ZERO: Final = 1e-9
-"""Largest rounding error of a 0, for example in steps of 0.1 from -38 to 38."""
 _MESSAGE: Final = "Message"
 DISARM_FIRST: Final = "it is armed or running, disarm() first"
 ARMED: Final = (State.ARMED, State.RUNNING)
@@ -29,48 +25,6 @@ ARMED: Final = (State.ARMED, State.RUNNING)
 SHOWN_UNITS: Final = {"mV": "V", "mN": "N", "nm": "um", "um": "mm"}
 """Units shown to people instead of those of the objects: places in mm, amplitudes in um."""
 _Choices = TypeVar("_Choices", bound=IntEnum)
-
-
-def finite(name: str, value: object) -> float:
-    """Return a number given by a user.
-
-    Raises
-    ------
-    ValueError
-        If it is not a number, or not finite.
-    """
-    try:
-        number = float(value) if isinstance(value, Real) else nan
-    except OverflowError:
-        number = nan
-    if not isfinite(number):
-        raise ValueError(f"{name} {value!r} is not a finite number")
-    return number
-
-
-def number_given(name: str, value: object) -> float:
-    """Return a number given by a user; 0 for a rounding error.
-
-    Raises
-    ------
-    ValueError
-        As `finite`.
-    """
-    number = finite(name, value)
-    return number if abs(number) >= _LEFT_OF_ZERO else 0.0
-
-
-def truth(name: str, value: object) -> bool:
-    """Return a boolean given by a user.
-
-    Raises
-    ------
-    ValueError
-        If it is neither True nor False; a text such as ``no`` would count as True.
-    """
-    if not isinstance(value, bool):
-        raise ValueError(f"{name} {value!r} is neither True nor False")
-    return value
 
 
 def find_number(od: ObjectDictionary, name: str) -> Entry:
@@ -102,65 +56,25 @@ def shown(entry: Entry, raw: Any) -> Any:
     return entry.unit.times(raw, shown_unit(entry))
 
 
-def raw_value(entry: Entry, text: str) -> int:
-    """Return the raw value of an object for a text such as ``80 V``, without checking limits.
+def raw_value(entry: Entry, value: Given) -> int:
+    """Return the raw value of an object for a quantity, without checking limits.
 
     Raises
     ------
     ValueError
-        If it is not a number with a unit of this kind, or would become 0.
+        If its unit is of another kind, or it would become 0.
     """
-    raw = entry.counts(text)
-    entry.require_kept(raw, text.strip())
+    raw = _nearest(entry, value)
+    entry.require_kept(raw, value.quantity, value.name)
     return raw
 
 
-def in_unit(name: str, value: float | str, unit: str) -> float:
-    """Return a value given by a user, a number in `unit` or a text such as ``80 V``, in `unit`.
-
-    Raises
-    ------
-    ValueError
-        If it is not a number, not finite, or has no unit of this kind.
-    """
-    if not isinstance(value, str):
-        return number_given(name, value)
+def _nearest(entry: Entry, value: Given) -> int:
     try:
-        return Quantity.parse(value).in_unit(unit)
-    except ValueError:
-        like = f"number with a unit like {unit}" if unit else "number or percentage"
-        raise ValueError(f"{name} {value!r} is no {like}") from None
-
-
-def with_unit(name: str, value: float | str, unit: str) -> str:
-    """Return a value given by a user, as for `in_unit`, as a text with a unit.
-
-    Raises
-    ------
-    ValueError
-        As `in_unit`.
-    """
-    number = in_unit(name, value, unit)
-    return value if isinstance(value, str) else f"{number} {unit}"
-
-
-def by_name(choices: type[IntEnum], choice: int | str) -> int:
-    """Return the number of a choice given by a user as a number or a name.
-
-    Raises
-    ------
-    ValueError
-        If there is no such choice.
-    """
-    try:
-        if isinstance(choice, str):
-            name = choice.upper().replace("-", "_").replace(" ", "_").replace("+", "_")
-            return int(choices[name])
-        return int(choices(choice))
-    except (KeyError, ValueError):
-        known = ", ".join(member.lower() for member in choices.__members__)
-        what = sub(r"(?<=[a-z])(?=[A-Z])", " ", choices.__name__).lower()
-        raise ValueError(f"{what} {choice!r} is none of {known}") from None
+        return round(value.quantity.over(entry.unit))
+    except (ValueError, OverflowError):
+        like = f"number with a unit like {entry.unit.symbol or 1}"
+        raise ValueError(f"{value.name} {value} is no {like}") from None
 
 
 class NamedObjects:
@@ -175,6 +89,8 @@ class NamedObjects:
     """
 
     __slots__ = ("_link", "_od")
+
+    __reduce_ex__ = stays_in_process("a stimulator")
 
     def __init__(self, link: Link, od: ObjectDictionary) -> None:
         self._link = link
@@ -227,7 +143,7 @@ class NamedObjects:
             If the value is not finite, has a unit of another kind, or is not 0 but would be rounded
             to 0 by the step of the object.
         """
-        self._write(name, self._raw(name, value))
+        self._set(name, self._given(name, value))
 
     def set_all(self, values: Mapping[str, float | str]) -> None:
         """Write objects by name, in this order; if one is refused, none is changed.
@@ -242,26 +158,30 @@ class NamedObjects:
         RefusedError, BenchError, ValueError
             As `set`; the objects written before are restored.
         """
-        raws = {name: self._raw(name, value) for name, value in values.items()}
+        if not isinstance(values, Mapping):
+            raise ValueError(f"values {said(values)} are no mapping of names to values")
+        self._set_all({name: self._given(name, value) for name, value in values.items()})
+
+    def _given(self, name: str, value: float | str) -> Given:
+        return given(name, value, find_number(self._od, name).unit.symbol)
+
+    def _set(self, name: str, value: Given) -> None:
+        self._write(name, raw_value(find_number(self._od, name), value), value)
+
+    def _set_all(self, values: Mapping[str, Given]) -> None:
+        raws = {name: raw_value(find_number(self._od, name), v) for name, v in values.items()}
         before: dict[str, int] = {}
         try:
             for name, raw in raws.items():
                 held = self._link.read(name)
-                self._write(name, raw)
+                self._write(name, raw, values[name])
                 before[name] = held
         except RefusedError:
             for name, held in before.items():
                 self._write(name, held)
             raise
 
-    def _raw(self, name: str, value: float | str) -> int:
-        entry = find_number(self._od, name)
-        text = (
-            value if isinstance(value, str) else f"{number_given(name, value)} {entry.unit.symbol}"
-        )
-        return raw_value(entry, text)
-
-    def nearest(self, name: str, value: float) -> float:
+    def nearest(self, name: str, value: float | str) -> float:
         """Return the value that an object holds after rounding a measured value to its step.
 
         `set` refuses a value that is rounded to 0; this returns 0.
@@ -271,28 +191,28 @@ class NamedObjects:
         name
             Name of the object.
         value
-            Number in the displayed unit.
+            Number in the displayed unit, or a text with any unit of that kind.
 
         Raises
         ------
         BenchError
             If the object does not exist, or is not a number.
         ValueError
-            If the value is not finite.
+            If the value is not finite, or has a unit of another kind.
         """
         entry = find_number(self._od, name)
-        counts = entry.counts(f"{finite(name, value)} {entry.unit.symbol}")
-        return float(counts * entry.unit.number)
+        return float(_nearest(entry, self._given(name, value)) * entry.unit.number)
 
-    def _write(self, name: str, raw: int) -> None:
-        """Write a raw value; if it is refused because of being armed, the error says so."""
+    def _write(self, name: str, raw: int, value: Given | None = None) -> None:
+        """Write a raw value; a refusal has the words of who gave it, and says if it is armed."""
         try:
             self._link.write(name, raw)
         except RefusedError as error:
+            refused = refused_write(self._od[name], raw, Abort(error.code), value)
             simulated = name.partition(".")[0] in SIMULATION
             if not simulated and self._is_refused_while_armed(error):
-                raise RefusedError(f"{error}: {DISARM_FIRST}", error.code) from error
-            raise
+                refused = RefusedError(f"{refused}: {DISARM_FIRST}", error.code)
+            raise refused from error
 
     def _is_refused_while_armed(self, error: RefusedError) -> bool:
         return error.code == AbortCode.STATE and self._shown_state() in ARMED
@@ -319,10 +239,14 @@ class InUnit(property):
             return bench.get(name, unit)
 
         def write(bench: NamedObjects, value: float | str) -> None:
-            bench.set(name, with_unit(name, value, unit))
+            bench._set(name, given(self._called, value, unit))  # noqa: SLF001 - a part of it
 
         super().__init__(read, write)
         self.__doc__ = text
+        self._called = name
+
+    def __set_name__(self, _owner: type, name: str) -> None:
+        self._called = name
 
     if TYPE_CHECKING:
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from math import cos, radians, sin
-from numbers import Integral
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from smarttac_can.bench.named_objects import in_unit, with_unit
+from smarttac_can.bench.given import Given, finite, given, given_integer, said, stays_in_process
 from smarttac_can.host.files import in_words, read_numbers
 from smarttac_can.master.errors import BenchError, RefusedError
 from smarttac_can.od.cia import AbortCode
@@ -39,7 +38,7 @@ class SimulatedFinger:
     read
         Function that reads an object by name in a unit: `Stimulator.get`.
     write
-        Function that writes objects by name, all or none, as `NamedObjects` does.
+        Function that writes given values to objects by name, all or none.
 
     Attributes
     ----------
@@ -47,10 +46,12 @@ class SimulatedFinger:
         Speed in mm/s of the last `stroke`; 50 before the first.
     """
 
+    __reduce_ex__ = stays_in_process("a finger")
+
     def __init__(
         self,
         read: Callable[[str, str], float],
-        write: Callable[[Mapping[str, float | str]], None],
+        write: Callable[[Mapping[str, Given]], None],
     ) -> None:
         self._read = read
         self._write = write
@@ -87,7 +88,7 @@ class SimulatedFinger:
 
     def lift(self) -> None:
         """Lift the finger off the plate."""
-        self._write({"Finger.Motion": LIFTED})
+        self._write({"Finger.Motion": given("motion", LIFTED, "")})
 
     def play_recording(self) -> None:
         """Play the recorded finger with which the plate was started, ``--finger FILE``.
@@ -98,7 +99,7 @@ class SimulatedFinger:
             If the plate was started without a recorded finger.
         """
         try:
-            self._write({"Finger.Motion": RECORDED})
+            self._write({"Finger.Motion": given("motion", RECORDED, "")})
         except RefusedError as error:
             if error.code != AbortCode.STATE:
                 raise
@@ -141,16 +142,16 @@ class SimulatedFinger:
         """
         self._write(
             {
-                "Simulation.Subject": _integer("subject", subject),
-                "Finger.Force": with_unit("force", force, "N"),
-                "Finger.Speed": with_unit("speed", speed, "mm/s"),
-                "Finger.Range": with_unit("travel", travel, "mm"),
-                "Finger.Force variation": with_unit("force_variation", force_variation, ""),
-                "Finger.Speed variation": with_unit("speed_variation", speed_variation, ""),
-                "Finger.Motion": STROKE,
+                "Simulation.Subject": given_integer("subject", subject),
+                "Finger.Force": given("force", force, "N"),
+                "Finger.Speed": (now := given("speed", speed, "mm/s")),
+                "Finger.Range": given("travel", travel, "mm"),
+                "Finger.Force variation": given("force_variation", force_variation, ""),
+                "Finger.Speed variation": given("speed_variation", speed_variation, ""),
+                "Finger.Motion": given("motion", STROKE, ""),
             }
         )
-        self.speed = in_unit("speed", speed, "mm/s")
+        self.speed = now.quantity.in_unit("mm/s")
 
     def put(self, placing: Placing, gravity: float = STANDARD_GRAVITY) -> None:
         """Put a weight on the simulated plate, with the tilt of the placing; the last one leaves.
@@ -173,14 +174,19 @@ class SimulatedFinger:
             If `placing` is not a `Placing`.
         """
         if not isinstance(placing, Placing):
-            raise ValueError(f"placing {placing!r} is no Placing")
+            raise ValueError(f"placing {said(placing)} is no Placing")
+        numbers = Placing(*map(finite, Placing._fields, placing))
         names = ("Weight.Force x", "Weight.Force y", "Weight.Normal force")
+        words = ("force along x", "force along y", "normal force")
+        forces = numbers.load(finite("gravity", gravity))
         try:
-            forces = (round(1e3 * force) for force in placing.load(gravity))
             self._write(
                 {
-                    **dict(zip(names, forces, strict=True)),
-                    "Weight.Position": f"{placing.x_mm} mm",
+                    **{
+                        name: given(word, 1e-3 * round(1e3 * force), "N")
+                        for name, word, force in zip(names, words, forces, strict=True)
+                    },
+                    "Weight.Position": given("x_mm", numbers.x_mm, "mm"),
                 }
             )
         except RefusedError as error:
@@ -212,20 +218,14 @@ class SimulatedFinger:
         RefusedError, ValueError
             As for `stroke`.
         """
-        values: dict[str, float | str] = {}
+        values: dict[str, Given] = {}
         if seed is not None:
-            values["Simulation.Seed"] = _integer("seed", seed)
+            values["Simulation.Seed"] = given_integer("seed", seed)
         if temperature is not None:
-            values["Simulation.Ambient temperature"] = with_unit("temperature", temperature, "degC")
+            values["Simulation.Ambient temperature"] = given("temperature", temperature, "degC")
         if drive_instant is not None:
-            values["Simulation.Drive instant"] = with_unit("drive_instant", drive_instant, "us")
+            values["Simulation.Drive instant"] = given("drive_instant", drive_instant, "us")
         self._write(values)
-
-
-def _integer(name: str, value: int) -> int:
-    if not isinstance(value, Integral):
-        raise ValueError(f"{name} {value!r} is no integer")
-    return int(value)
 
 
 class Placing(NamedTuple):

@@ -60,7 +60,7 @@ def make_stimulator() -> Iterator[Callable[..., Stimulator]]:
     """
     from uuid import uuid4  # noqa: PLC0415 - see above
 
-    from smarttac_can.bench.named_objects import truth  # noqa: PLC0415
+    from smarttac_can.bench.given import truth  # noqa: PLC0415
     from smarttac_can.bench.simulation import (  # noqa: PLC0415
         PLATE_ID,
         lockstep_nodes,

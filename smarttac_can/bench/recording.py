@@ -11,6 +11,7 @@ from types import TracebackType
 from typing import Any, Final, Self
 
 from smarttac_can import __version__
+from smarttac_can.bench.given import require_text, stays_in_process
 from smarttac_can.bench.link import Link, PublishedPdo
 from smarttac_can.bench.recorded_frames import TICK
 from smarttac_can.bench.recording_file import METADATA, Summary, make_recording, require_new
@@ -58,6 +59,8 @@ class Recording:
         One line on how the raw log differs from the bus; empty if it does not, or there is none.
     """
 
+    __reduce_ex__ = stays_in_process("a recording that goes on")
+
     def __init__(
         self,
         link: Link,
@@ -68,7 +71,7 @@ class Recording:
         stop: Callable[[], object],
     ) -> None:
         for name, text in metadata.items():
-            _require_text(name, text, 0)
+            require_text(name, text, 0, _LONGEST_TEXT)
         self._metadata = {name: metadata.get(name, "") for name in METADATA}
         self._link = link
         self._od = od
@@ -115,7 +118,7 @@ class Recording:
         BenchError
             If the recording has not begun, or has ended.
         """
-        _require_text("marker", text, 1)
+        require_text("marker", text, 1, _LONGEST_TEXT)
         if self._log is None:
             raise BenchError(f"{self.path} is not being recorded: markers go into a recording")
         self._log.mark(text)
@@ -262,14 +265,6 @@ class Recording:
                     if table := self._link.read(name):
                         tables[slot] = table.hex()
         return tables
-
-
-def _require_text(name: str, text: object, least: int) -> None:
-    """Refuse what is not a text, too short or long, or has surrogates of non-UTF-8 bytes."""
-    if not isinstance(text, str) or not least <= len(text) <= _LONGEST_TEXT:
-        raise ValueError(f"{name} {text!r:.60} is no text of {least} to {_LONGEST_TEXT} characters")
-    if any("\ud800" <= character <= "\udfff" for character in text):
-        raise ValueError(f"{name} {text!r:.60} has characters that UTF-8 does not have")
 
 
 def _pdo(pdo: PublishedPdo, every_cycle: bool) -> dict[str, Any]:

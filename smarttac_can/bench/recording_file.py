@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from decimal import Decimal
+from difflib import get_close_matches
 from functools import cached_property
 from importlib.util import find_spec
 from io import FileIO
@@ -23,6 +24,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar, get_type_hint
 import numpy as np
 import numpy.typing as npt
 
+from smarttac_can.bench.given import said
 from smarttac_can.bench.named_objects import SHOWN_UNITS, shown, shown_unit
 from smarttac_can.bench.recorded_frames import (
     Emergency,
@@ -76,6 +78,12 @@ _MOST_COMPRESSED: Final = 1100
 """Most bytes that deflate restores from one byte."""
 _NS: Final = 1_000_000_000
 _PLACE_UNITS: Final = {Axis.POSITION: ("mm", 1e-6), Axis.TIME: ("s", 1e-6)}
+
+
+class UnknownChannelError(BenchError, KeyError):
+    """A recording has no channel of this name."""
+
+    __str__ = BenchError.__str__  # that of a KeyError is in quotes
 
 
 class Summary(NamedTuple):
@@ -464,8 +472,23 @@ class RecordedData:
         )
 
     def __getitem__(self, name: str) -> npt.NDArray[Any]:
-        """Return the array of a channel."""
+        """Return the array of a channel.
+
+        Raises
+        ------
+        UnknownChannelError
+            If the recording has no such channel; it is a `KeyError`, too.
+        """
+        if name not in self.channels:
+            near = get_close_matches(str(name), self.channels, 1)
+            hint = f", perhaps {near[0]}" if near else ""
+            raise UnknownChannelError(
+                f"there is no channel {said(name)}{hint}: it has {', '.join(self.channels)}"
+            )
         return self.channels[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.channels
 
     @cached_property
     def time_s(self) -> Floats:

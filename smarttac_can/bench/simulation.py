@@ -12,7 +12,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final, Literal, NoReturn, get_args
 
-from smarttac_can.bench.errors import bounds, refused_write
+from smarttac_can.bench.errors import refused_write
+from smarttac_can.bench.given import finite, given, integer, outside, said, sequence, truth
 from smarttac_can.bench.link import (
     PUBLISHED,
     RECORDED,
@@ -25,7 +26,7 @@ from smarttac_can.bench.link import (
     never,
     published_pdos,
 )
-from smarttac_can.bench.named_objects import find_number, raw_value, truth
+from smarttac_can.bench.named_objects import find_number, raw_value
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import LogHook
 from smarttac_can.host.files import read_eds
@@ -41,7 +42,7 @@ from smarttac_can.od.cia import EMCY_ID, FRAME_BYTES, Abort, AbortCode, ErrorReg
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
 from smarttac_can.od.entry import Entry
-from smarttac_can.plant.finger import Finger, GuidedFinger, Trajectory
+from smarttac_can.plant.finger import SAMPLE_RANGES, Finger, GuidedFinger, Trajectory
 from smarttac_can.vocabulary.meanings import RECORDED as RECORDED_FINGER
 from smarttac_can.vocabulary.meanings import SIMULATION
 from smarttac_can.vocabulary.signals import KNOWN_WINDOW_MN, SHORT_DEADLINE_MS, TICK_US
@@ -52,6 +53,8 @@ STIMULATOR_ID: Final = 32
 PLATE_ID: Final = 33
 """Default node-ID of the plate node."""
 LinkName = Literal["local", "bus"]
+_SAMPLE: Final = (("time", "s", 1.0), ("position", "mm", 1e-3), ("normal force", "N", 1.0))
+"""Name and unit of what a sample of a finger has, and the unit in SI."""
 _STATUS_TPDO: Final = 1
 _EMCY: Final = struct.Struct("<HBB4x")
 """Emergency error code, error register and number of the watchdog."""
@@ -168,9 +171,9 @@ def open_simulated_link(
         recorded = _recorded(finger)
         raw["Finger.Motion"] = RECORDED_FINGER
     if link not in get_args(LinkName):
-        raise ValueError(f"link {link!r} is none of {', '.join(get_args(LinkName))}")
+        raise ValueError(f"link {said(link)} is none of {', '.join(get_args(LinkName))}")
     if log is not None and not callable(log):
-        raise ValueError(f"log {log!r} is no function of a time stamp and a frame")
+        raise ValueError(f"log {said(log)} is no function of a time stamp and a frame")
     if log is not None and link == "local":
         raise ValueError("there is no bus whose frames could go to log: simulate('bus')")
     bus = LocalBus(tick=TICK_US, log=log)
@@ -203,10 +206,22 @@ def open_guided_link() -> tuple[LocalLink, ObjectDictionary, GuidedFinger]:
 
 
 def _recorded(finger: Iterable[tuple[float, float, float]]) -> Trajectory:
+    samples = sequence("finger", finger)
+    for number, sample in enumerate(samples):
+        word = f"finger sample {number}"
+        row = sequence(word, sample)
+        if len(row) != len(_SAMPLE):
+            raise ValueError(f"{word} {said(sample)} is no (t_s, x_mm, Fn_N): give three numbers")
+        for value, (name, unit, si), (_, low, high) in zip(
+            row, _SAMPLE, SAMPLE_RANGES, strict=True
+        ):
+            place = finite(f"{word} {name}", value)
+            if not low <= place * si <= high:
+                raise ValueError(outside(f"{word} {name}", place, low / si, high / si, unit))
     try:
-        return Trajectory([(t_s, x_mm * 1e-3, Fn) for t_s, x_mm, Fn in finger])
-    except TypeError as error:
-        raise ValueError(f"finger {finger!r:.60} is no list of (t_s, x_mm, Fn_N)") from error
+        return Trajectory([(float(t), float(x_mm) * 1e-3, float(Fn)) for t, x_mm, Fn in samples])
+    except ValueError as error:
+        raise ValueError(f"finger: {error}") from error
 
 
 def raw_presets(presets: Mapping[str, int | str], *, seed: int, subject: int) -> dict[str, int]:
@@ -227,23 +242,30 @@ def raw_presets(presets: Mapping[str, int | str], *, seed: int, subject: int) ->
         If an object does not exist, or is not a number.
     """
     if not isinstance(presets, Mapping):
-        raise ValueError(f"presets {presets!r} are no mapping of names to values")
+        raise ValueError(f"presets {said(presets)} are no mapping of names to values")
     od = stimulator_od()
-    simulated = {"Simulation.Seed": seed, "Simulation.Subject": subject}
-    given = {**simulated, **presets}
-    return {name: _raw_preset(find_number(od, name), value) for name, value in given.items()}
+    simulated = {
+        "Simulation.Seed": integer("seed", seed, *_range(od, "Simulation.Seed")),
+        "Simulation.Subject": integer("subject", subject, *_range(od, "Simulation.Subject")),
+    }
+    return simulated | {n: _raw_preset(find_number(od, n), value) for n, value in presets.items()}
 
 
-def _raw_preset(entry: Entry, given: int | str) -> int:
-    raw, wrong, within = given, "no raw value in", f"{entry.low}..{entry.high}"
-    if isinstance(given, str):
-        raw, wrong, within = raw_value(entry, given), "outside", bounds(entry)
-    try:
-        if not isinstance(raw, int):
-            raise Abort(AbortCode.LENGTH)
-        entry.check(raw)
-    except Abort as error:
-        raise ValueError(f"preset {entry.name!r} is {given!r}, {wrong} {within}") from error
+def _range(od: ObjectDictionary, name: str) -> tuple[int, int]:
+    return int(od[name].low), int(od[name].high)
+
+
+def _raw_preset(entry: Entry, preset: int | str) -> int:
+    """Return the raw value of a preset; a text is a quantity, a number is raw."""
+    word = f"preset {entry.name}"
+    if not isinstance(preset, str):
+        return integer(word, preset, int(entry.low), int(entry.high))
+    value = given(word, preset, entry.unit.symbol)
+    raw = raw_value(entry, value)
+    if not entry.low <= raw <= entry.high:
+        number, symbol = value.quantity
+        low, high = (entry.unit.times(bound, symbol) for bound in (entry.low, entry.high))
+        raise ValueError(outside(word, float(number), low, high, symbol))
     return raw
 
 

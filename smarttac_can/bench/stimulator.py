@@ -19,6 +19,17 @@ from smarttac_can.bench.errors import (
     RunInterruptedError,
 )
 from smarttac_can.bench.events import Events
+from smarttac_can.bench.given import (
+    Given,
+    by_name,
+    given,
+    given_integer,
+    integer,
+    require_callable,
+    said,
+    sequence,
+    within,
+)
 from smarttac_can.bench.link import ClosedLink, Link, Reading, Row, unwrapped
 from smarttac_can.bench.named_objects import (
     ARMED,
@@ -26,9 +37,6 @@ from smarttac_can.bench.named_objects import (
     Choice,
     InUnit,
     NamedObjects,
-    by_name,
-    finite,
-    in_unit,
 )
 from smarttac_can.bench.plate_loads import SimulatedFinger
 from smarttac_can.bench.recording import Recording
@@ -71,6 +79,7 @@ _LEAST_RECORDED: Final = 0.5
 _MOST_S: Final = 604_800
 _LONG_S: Final = 2.0
 """A progress bar is shown for longer runs."""
+_MOST_SAMPLES: Final = 1_000_000
 _MOST_CYCLES: Final = 100
 """Most cycles per sample; the SDO reads of one sample fit in them, even on a slow bus."""
 
@@ -118,7 +127,7 @@ class Stimulator(NamedObjects):
         # Whether the state was FAULT when it was last read.
         self._knows_fault = False
         self._recording: Recording | None = None
-        self.finger = SimulatedFinger(self.get, self.set_all)
+        self.finger = SimulatedFinger(self.get, self._set_all)
 
     @property
     def cof(self) -> tuple[float, float]:
@@ -127,11 +136,7 @@ class Stimulator(NamedObjects):
 
     @cof.setter
     def cof(self, cof: float | str | Iterable[float | str]) -> None:
-        pair = list(cof) if isinstance(cof, Iterable) and not isinstance(cof, str) else [cof] * 2
-        if len(pair) != _SIDES:
-            raise ValueError(f"cof {cof!r} is neither a number nor a pair, left and right")
-        left, right = (in_unit("cof", side, "") for side in pair)
-        self.set_all({"Setpoint.COF left": left, "Setpoint.COF right": right})
+        self._set_all(_sides(cof))
 
     @property
     def mode(self) -> Mode:
@@ -176,10 +181,9 @@ class Stimulator(NamedObjects):
 
     @texture_slot.setter
     def texture_slot(self, slot: int) -> None:
-        if type(slot) is not int:
-            raise ValueError(f"texture slot {slot!r} is no integer")
+        number = given_integer("texture_slot", slot)
         with self._texture_explained("Texture.Slot"):
-            self.set("Texture.Slot", slot)
+            self._set("Texture.Slot", number)
 
     @property
     def texture(self) -> Texture | None:
@@ -198,7 +202,7 @@ class Stimulator(NamedObjects):
         data = b""
         if texture is not None:
             if not isinstance(texture, Texture):
-                raise ValueError(f"texture {texture!r} is no Texture")
+                raise ValueError(f"texture {said(texture)} is no Texture")
             bounds = self._od["Setpoint.COF left"]
             texture.table.require_within(int(bounds.low), int(bounds.high))
             data = texture.table.pack()
@@ -517,6 +521,8 @@ class Stimulator(NamedObjects):
             If the plate could not be identified, another bench is the commander, or the bus or a
             node is lost.
         """
+        if progress is not None:
+            require_callable("progress", progress)
         self.mode = Mode.IDENTIFY
         reason = "it was stopped"
         for _ in range(_IDENTIFY_LIMIT):
@@ -584,7 +590,7 @@ class Stimulator(NamedObjects):
 
     def run(
         self,
-        seconds: float,
+        seconds: float | str,
         experiment: str = "run",
         subject: int = 0,
         *,
@@ -600,7 +606,8 @@ class Stimulator(NamedObjects):
         Parameters
         ----------
         seconds
-            Length in s, 0.001 to 604800; loop time in lockstep, time of the clock otherwise.
+            Length in s, 0.001 to 604800, or a text such as ``200 ms``; loop time in lockstep, time
+            of the clock otherwise.
         experiment, subject
             Labels of the trace.
         meanwhile
@@ -630,12 +637,10 @@ class Stimulator(NamedObjects):
         The last four errors disarm, unless this bench only reads. Their `trace` holds what was
         recorded until then, or is None.
         """
-        require_labels(experiment, subject)
+        subject = require_labels(experiment, subject)
+        require_callable("meanwhile", meanwhile)
         knew_fault = self._knows_fault
-        length = finite("seconds", seconds)
-        cycles = round(length * CYCLES_PER_SECOND) if abs(length) <= _MOST_S else 0
-        if cycles < 1:
-            raise ValueError(f"seconds {seconds} is outside 0.001..{_MOST_S}")
+        cycles = round(within("seconds", seconds, 1e-3, _MOST_S, "s") * CYCLES_PER_SECOND)
         rows: list[Row] = []
         with self._running(rows, experiment, subject) as interrupted:
             with progress_bar(experiment, _LONG_S) as progress:
@@ -672,7 +677,7 @@ class Stimulator(NamedObjects):
         names
             Names of the objects, one or more.
         count
-            Number of samples, 1 or more.
+            Number of samples, 1 to 1000000.
 
         Returns
         -------
@@ -682,14 +687,14 @@ class Stimulator(NamedObjects):
         Raises
         ------
         ValueError
-            If `count` is not an integer of 1 or more, or `names` is not a list of names.
+            If `count` is not an integer of 1 to 1000000, or `names` is not a list of names.
         BenchError
             If an object does not exist, or is not a number. Other errors as in `run`.
         """
-        if type(count) is not int or count < 1:
-            raise ValueError(f"count {count!r} is no integer of 1 or more")
-        if isinstance(names, str) or not names:
-            raise ValueError(f"names {names!r} are no list of names of objects")
+        count = integer("count", count, 1, _MOST_SAMPLES)
+        names = sequence("names", names)
+        if not names:
+            raise ValueError("names [] has no name of an object")
         samples: list[list[float]] = []
         rows: list[Row] = []
         knew_fault = self._knows_fault
@@ -819,6 +824,18 @@ class Stimulator(NamedObjects):
         if self._recording is None:
             raise BenchError("nothing is being recorded: markers go into a recording")
         self._recording.mark(text)
+
+
+def _sides(cof: float | str | Iterable[float | str]) -> dict[str, Given]:
+    """Return the set-points of the COF, given as a number for both sides or as a pair."""
+    names = ("Setpoint.COF left", "Setpoint.COF right")
+    if isinstance(cof, str) or not isinstance(cof, Iterable) or getattr(cof, "ndim", 1) == 0:
+        return dict.fromkeys(names, given("cof", cof, ""))
+    pair = sequence("cof", cof)
+    if len(pair) != _SIDES:
+        raise ValueError(f"cof {said(cof)} is neither a number nor a pair, left and right")
+    words = ("cof left", "cof right")
+    return {n: given(word, side, "") for n, word, side in zip(names, words, pair, strict=True)}
 
 
 def _with_cure(reason: str) -> str:

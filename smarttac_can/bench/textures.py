@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Self, cast
 import numpy as np
 import numpy.typing as npt
 
-from smarttac_can.bench.named_objects import finite, truth
+from smarttac_can.bench.given import finite, truth
 from smarttac_can.bench.simulation import stimulator_od
 from smarttac_can.bench.traces import Floats, Integers, require_matplotlib
 from smarttac_can.host.files import in_words, read_bounded

@@ -26,6 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from smarttac_can import __version__
+from smarttac_can.bench.given import integer, said, sequence
 from smarttac_can.host.files import in_words, open_regular, result_file
 from smarttac_can.master.errors import BenchError
 from smarttac_can.vocabulary.states import Status
@@ -92,6 +93,7 @@ _MOST_POINTS: Final = 4000
 _MOST_COUNT: Final = np.iinfo(np.int64).max
 _LONGEST_LINE = 1000
 _LONGEST_LABEL = 100
+_MOST_SUBJECT: Final = (1 << 31) - 1
 _LABEL = re.compile(r"[a-z0-9_.]+")
 
 
@@ -155,7 +157,7 @@ class Trace:
     position = _Former("position_mm", "0.01 mm")
 
     def __post_init__(self) -> None:
-        require_labels(self.experiment, self.subject)
+        object.__setattr__(self, "subject", require_labels(self.experiment, self.subject))
         counts = np.array(self.counts)
         whole = counts.dtype.kind in "iu" and len(counts) and counts.max(initial=0) <= _MOST_COUNT
         if counts.ndim != 2 or not whole:  # noqa: PLR2004
@@ -191,6 +193,8 @@ class Trace:
         ValueError
             If the rows differ in length.
         """
+        if any(getattr(row, "__len__", None) is None for row in sequence("rows", rows)):
+            raise ValueError(f"the rows of {experiment} are no table of integers")
         if len({len(row) for row in rows}) > 1:
             raise ValueError(f"the rows of {experiment} differ in length")
         return cls(experiment, subject, np.array(rows))
@@ -410,8 +414,8 @@ def data_frame(arrays: dict[str, Any], attrs: dict[str, Any]) -> pandas.DataFram
     return frame
 
 
-def require_labels(experiment: str, subject: int) -> None:
-    """Refuse labels that a trace cannot have.
+def require_labels(experiment: str, subject: int) -> int:
+    """Refuse labels that a trace cannot have; return the subject.
 
     Raises
     ------
@@ -420,13 +424,10 @@ def require_labels(experiment: str, subject: int) -> None:
         an integer of 0 or more.
     """
     if not (isinstance(experiment, str) and _LABEL.fullmatch(experiment)):
-        raise ValueError(f"experiment {experiment!r} is not made of a-z 0-9 . _")
+        raise ValueError(f"experiment {said(experiment)} is not made of a-z 0-9 . _")
     if len(experiment) > _LONGEST_LABEL:
         raise ValueError(f"experiment of {len(experiment)} characters is outside 1..100")
-    if type(subject) is not int:
-        raise ValueError(f"subject {subject!r} is no integer")
-    if subject < 0:
-        raise ValueError(f"subject {subject} is below 0")
+    return integer("subject", subject, 0, _MOST_SUBJECT)
 
 
 @in_words()
@@ -440,15 +441,17 @@ def write_csv(path: Path | str, traces: Trace | Iterable[Trace]) -> None:
     Raises
     ------
     ValueError
-        If an element is not a trace, or two have the same experiment and subject; nothing is
-        written then.
+        If there is no trace, an element is not a trace, or two have the same experiment and
+        subject; nothing is written then.
     OSError
         If the file cannot be written, for example on a full disk.
     """
-    traces = [traces] if isinstance(traces, Trace) else list(traces)
+    traces = [traces] if isinstance(traces, Trace) else sequence("traces", traces)
+    if not traces:
+        raise ValueError("there is no trace to write: write_csv(path, traces)")
     for trace in traces:
         if not isinstance(trace, Trace):
-            raise ValueError(f"{trace!r:.60} is no Trace: write_csv(path, traces)")
+            raise ValueError(f"{said(trace)} is no Trace: write_csv(path, traces)")
     labels = [(trace.experiment, trace.subject) for trace in traces]
     for label in labels:
         if labels.count(label) > 1:

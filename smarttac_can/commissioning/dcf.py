@@ -242,7 +242,7 @@ def _check(entry: Entry, text: str, node_id: int, given: str) -> None:
     if isinstance(value, int | float) and not entry.low <= value <= entry.high:
         raise ValueError(_outside(entry, value, given, with_unit=given != text))
     if given != text:
-        entry.require_kept(value, given)
+        entry.require_kept(value, Quantity.parse(given), entry.name)
     try:
         entry.check(value)
     except Abort as error:

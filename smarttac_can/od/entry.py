@@ -148,7 +148,7 @@ class Entry:
             like = self.unit.symbol and f" with a unit like {self.unit.symbol}"
             raise ValueError(f"{self.name} {text!r} is not a number{like}") from None
 
-    def require_kept(self, raw: int, given: str) -> None:
+    def require_kept(self, raw: int, given: Quantity, name: str) -> None:
         """Refuse a quantity that is not 0 but would be rounded to 0.
 
         Parameters
@@ -156,21 +156,24 @@ class Entry:
         raw
             Rounded raw value.
         given
-            Quantity with a unit, such as ``80 V``.
+            Quantity, such as 80 V.
+        name
+            What the giver calls the object.
 
         Raises
         ------
         ValueError
             If the quantity is not 0, and `raw` is. The message names it and the step of the
-            object, or the lowest value if the quantity is below that.
+            object, or the lowest value, in the unit of the quantity, if it is below that.
         """
-        quantity = Quantity.parse(given)
-        if raw == 0 and quantity.number:
-            if quantity.over(self.unit) < self.low:
-                lowest = self.shown(self.low)
-                raise ValueError(f"{self.name} {given} is below {lowest}, its lowest value")
+        if raw == 0 and given.number:
+            symbol = given.symbol
+            text = f"{name} {f'{float(given.number):.12g} {symbol}'.rstrip()}"
+            if given.over(self.unit) < self.low:
+                lowest = f"{self.unit.times(self.low, symbol):.12g} {symbol}".rstrip()
+                raise ValueError(f"{text} is below {lowest}, its lowest value")
             step = f"{self.unit.number:f} {self.unit.symbol}".rstrip()
-            raise ValueError(f"{self.name} {given} would become 0: it goes in steps of {step}")
+            raise ValueError(f"{text} would become 0: it goes in steps of {step}")
 
     def shown(self, raw: float) -> str:
         """Return a raw value in the displayed unit, such as ``3000 nm``."""

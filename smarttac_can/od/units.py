@@ -14,7 +14,7 @@ _SYMBOLS: Final = {
     prefix + base: (base, ten - 3 * (base == "g"))
     for prefix, ten in {"G": 9, "M": 6, "k": 3, "": 0, "m": -3, "u": -6, "n": -9, "p": -12}.items()
     for base in ("m", "s", "V", "A", "N", "Hz", "K", "W", "J", "Pa", "Ohm", "rad", "g")
-} | {"degC": ("degC", 0), "1": ("", 0), "%": ("", -2), "ppm": ("", -6)}
+} | {"cm": ("m", -2), "degC": ("degC", 0), "1": ("", 0), "%": ("", -2), "ppm": ("", -6)}
 """Base unit of each symbol, empty for a pure number, and its power of ten."""
 _LONGEST: Final = 40
 """Most characters inside the brackets."""

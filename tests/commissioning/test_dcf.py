@@ -108,7 +108,7 @@ def test_a_dcf_becomes_that_of_another_node() -> None:
         ("2100sub1", "80 v", "perhaps '80 V'$"),
         ("2100sub1", "80 MV", "Setpoint.Voltage 80 MV is outside 0..200000 mV$"),
         ("2100sub1", "80 nV", "Voltage 80 nV would become 0: it goes in steps of 10 mV$"),
-        ("2100sub1", "-1 nV", "Voltage -1 nV is below 0 mV, its lowest value$"),
+        ("2100sub1", "-1 nV", "Voltage -1 nV is below 0 nV, its lowest value$"),
         ("2100sub1", "80.5", "'80.5' is neither"),
         ("2100sub1", "0xFFFFFF", "0xFFFFFF is outside the raw values 0..20000, 0..200000 mV$"),
         ("1017", "$NODEID+99999", "is outside UNSIGNED16$"),

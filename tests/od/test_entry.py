@@ -43,9 +43,9 @@ def test_quantity_that_would_become_0_is_refused(low: int, refusal: str) -> None
     entry = voltage()
     entry.low = low
     with pytest.raises(ValueError, match=f"^Setpoint.Voltage 4 mV {refusal}$"):
-        entry.require_kept(0, "4 mV")
-    entry.require_kept(0, "0 V")
-    entry.require_kept(1, "6 mV")
+        entry.require_kept(0, Quantity.parse("4 mV"), entry.name)
+    entry.require_kept(0, Quantity.parse("0 V"), entry.name)
+    entry.require_kept(1, Quantity.parse("6 mV"), entry.name)
 
 
 def test_raw_value_is_shown_in_its_unit() -> None:
