@@ -22,6 +22,7 @@ from smarttac_can.cli.shared import (
     closing_network,
     force_option,
     json_options,
+    load_file,
     naming,
     one_line,
     plain_errors,
@@ -29,7 +30,7 @@ from smarttac_can.cli.shared import (
     result_path,
     timeout_option,
 )
-from smarttac_can.commissioning.dcf import COMMISSIONING, make_dcf
+from smarttac_can.commissioning.dcf import make_dcf
 from smarttac_can.commissioning.node_ids import Identity, assign_node_id
 from smarttac_can.commissioning.scan import (
     FoundDevice,
@@ -52,7 +53,7 @@ from smarttac_can.host.files import (
 from smarttac_can.master.errors import NodeNotFoundError
 from smarttac_can.od.cia import IDENTITY
 from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.od.eds import load_eds, parse_integer, read_sections
+from smarttac_can.od.eds import Sections, load_eds, node_id_of, read_sections, write_out
 from smarttac_can.od.eds_check import check_eds, shown
 from smarttac_can.od.object_reference import LEGEND, object_reference
 from smarttac_can.vocabulary.meanings import EMERGENCIES, FIELDS
@@ -244,9 +245,9 @@ def check(
         text = read_eds_file(file)
         findings = check_eds(text, file.name)
         if device and node_id is not None:
-            od = _made(file, lambda text: load_eds(text, node_id))
+            od = load_file(file, node_id)
             with closing_network(bus) as network:
-                findings += compare_reads(network, od, read_sections(text, []), timeout)
+                findings += compare_reads(network, od, _written_out(text), timeout)
         rows = [
             {"section": shown(f.section), "message": f.message, "error": f.error} for f in findings
         ]
@@ -273,13 +274,12 @@ def load(
     that.
     """
     with reporting(json_file) as write_results:
-        text = read_eds_file(file)
-        sections = read_sections(text, [])
-        stated = sections.get(COMMISSIONING.lower(), {}).get("nodeid", "")
-        if node_id is None and not stated:
-            raise click.UsageError(f"{file} has no node-ID: give --node-id")
         with naming(file, ValueError):
-            od = load_eds(text, node_id or parse_integer(stated, f"[{COMMISSIONING}]"))
+            text = read_eds_file(file)
+            own = node_id_of(read_sections(text, []), node_id)
+            if own is None:
+                raise click.UsageError(f"{file} has no node-ID: give --node-id")
+            od, sections = load_eds(text, own), _written_out(text)
             values = stated_values(od, sections)
             if not values:
                 raise ValueError("it states no value for the device: it is an EDS and no DCF")
@@ -323,11 +323,11 @@ def doc(file: Path, output: Path | None) -> None:
 @eds.command(epilog="Example: smarttac eds dbc stimulator --node-id 32 --output run.dbc")
 @eds_file
 @click.option(
-    "--node-id", type=NODE_ID, default=1, show_default=True, help="Node-ID of the device."
+    "--node-id", type=NODE_ID, help="Node-ID of the device. Without it, that of a DCF, else 1."
 )
 @_output_option
 @force_option()
-def dbc(file: Path, node_id: int, output: Path | None) -> None:
+def dbc(file: Path, node_id: int | None, output: Path | None) -> None:
     """Write a DBC of the default PDOs, EMCY and heartbeat, with scales and units, for analysers.
 
     Of stimulator and plate it has names for modes, states, bits of the words, and emergencies.
@@ -336,12 +336,11 @@ def dbc(file: Path, node_id: int, output: Path | None) -> None:
         raise click.ClickException("a DBC needs cantools: pip install 'smarttac-can[dbc]'")
     from smarttac_can.commissioning.dbc import NO_NAMES, Names, make_dbc  # noqa: PLC0415 - an extra
 
-    def made(text: str) -> str:
-        od = load_eds(text, node_id)
-        return make_dbc(od, Names(FIELDS, EMERGENCIES) if _is_ours(od) else NO_NAMES)
-
     with plain_errors():
-        _write(_made(file, made), output)
+        od = load_file(file, node_id)
+        with naming(file, ValueError):
+            made = make_dbc(od, Names(FIELDS, EMERGENCIES) if _is_ours(od) else NO_NAMES)
+        _write(made, output)
 
 
 def _is_ours(od: ObjectDictionary) -> bool:
@@ -418,6 +417,12 @@ def _made(file: Path, make: Callable[[str], _Made]) -> _Made:
         return make(read_eds_file(file))
 
 
+def _written_out(text: str) -> Sections:
+    sections = read_sections(text, [])
+    write_out(sections)
+    return sections
+
+
 def _write(text: str, output: Path | None) -> None:
     if output is None:
         click.echo(text, nl=not text.endswith("\n"))
@@ -490,6 +495,7 @@ def conform(
         page = None if report is None else stack.enter_context(result_file(report))
         show: Callable[[str], None] = partial(click.echo, err=json_file == Path("-"))
         with naming(eds):
+            node_id_of(read_sections(read_eds_file(eds), []), node_id)
             sheet = DeviceDescription(read_eds_file(eds), node_id)
         with closing(bus.open()) as connection:
             examiner = Examiner(connection, sheet, timeout=timeout)

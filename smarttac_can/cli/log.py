@@ -17,14 +17,14 @@ from smarttac_can.cli.shared import (
     OLD_FILE,
     BusChoice,
     bus_options,
-    naming,
+    load_file,
     one_line,
     plain_errors,
 )
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.mapping import Direction, Mapping, compile_mapping
 from smarttac_can.device.nmt import STATES, NMTState
-from smarttac_can.host.files import read_eds, read_eds_file
+from smarttac_can.host.files import read_eds
 from smarttac_can.host.log_file import read_log
 from smarttac_can.host.process_signals import stop_on_signals
 from smarttac_can.od.cia import (
@@ -222,8 +222,7 @@ def _nodes(eds_files: dict[int, Path]) -> Iterator[tuple[str, ObjectDictionary]]
         if node_id not in eds_files:
             yield Path(name).stem, load_eds(read_eds(name), node_id)
     for node_id, path in eds_files.items():
-        with naming(path, ValueError):
-            yield path.stem, load_eds(read_eds_file(path), node_id)
+        yield path.stem, load_file(path, node_id)
 
 
 def _live(bus: BusChoice) -> Iterator[tuple[int, Frame]]:

@@ -21,7 +21,7 @@ from smarttac_can.cli.shared import (
     BusChoice,
     Command,
     bus_options,
-    naming,
+    load_file,
     one_line,
     own_node_id,
     plain_errors,
@@ -38,8 +38,7 @@ from smarttac_can.host.bus import BusError, QueueFullError
 from smarttac_can.host.files import (
     FaultFile,
     StorageFile,
-    read_eds,
-    read_eds_file,
+    packaged_eds,
     read_lines,
     read_numbers,
     reason,
@@ -61,7 +60,7 @@ from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import UNCONFIGURED, Abort
 from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.od.eds import load_eds
+from smarttac_can.od.eds_check import check_pdos
 from smarttac_can.od.entry import Entry
 from smarttac_can.plant.finger import SAMPLE_RANGES, Trajectory
 from smarttac_can.vocabulary.meanings import LIFTED, RECORDED, STROKE
@@ -438,15 +437,14 @@ def node(
         raise click.UsageError("in --lockstep the bench produces SYNC: leave out --produce-sync")
     if plate_node is not None:
         _refuse_finger("for the plate inside: give it to smarttac plate")
-    fixed = own_node_id(node_id, unconfigured)
-    own = STIMULATOR_ID if node_id is None else node_id
-    require_two_nodes(own, plate_node)
     with plain_errors(), blaming(eds):
-        od = load_device("stimulator.eds", eds, own)
+        fixed = own_node_id(node_id, unconfigured, eds)
+        od = load_device("stimulator.eds", eds, node_id, STIMULATOR_ID)
+        require_two_nodes(od.node_id, plate_node)
         motion, recording = finger
         inside, presets = None, {}
         if plate_node is None:
-            inside = PlateBlock(load_device("plate.eds", None, PLATE_ID), recording)
+            inside = PlateBlock(load_device("plate.eds", None, None, PLATE_ID), recording)
             presets = _finger_presets(od, motion, subject, seed)
             know_nulls(od, inside.plate.nulls)
         device = StimulatorNode(
@@ -489,9 +487,9 @@ def plate(
     pace: Pace,
 ) -> None:
     """Run the plate as a node of its own, simulated or a front end, until Ctrl-C or SIGTERM."""
-    fixed = own_node_id(node_id, unconfigured)
     with plain_errors(), blaming(eds), ExitStack() as stack:
-        od = load_device("plate.eds", eds, PLATE_ID if node_id is None else node_id)
+        fixed = own_node_id(node_id, unconfigured, eds)
+        od = load_device("plate.eds", eds, node_id, PLATE_ID)
         motion, recording = finger
         hardware = None
         presets = {}
@@ -581,11 +579,11 @@ def _finger_presets(od: ObjectDictionary, motion: int, subject: int, seed: int) 
 _OWN_EDS = "leave --eds out, or begin with what 'smarttac eds show' writes"
 
 
-def load_device(packaged: str, other: Path | None, node_id: int) -> ObjectDictionary:
+def load_device(
+    packaged: str, other: Path | None, node_id: int | None, absent: int
+) -> ObjectDictionary:
     """Load a packaged EDS, or another one in its place, and print its warnings."""
-    text = read_eds(packaged) if other is None else read_eds_file(other)
-    with naming(other or packaged):
-        od = load_eds(text, node_id)
+    od = load_file(packaged_eds(packaged) if other is None else other, node_id, absent)
     warn(other or packaged, od.warnings)
     return od
 
@@ -605,9 +603,6 @@ def blaming(eds: Path | None) -> Iterator[None]:
         raise click.ClickException(message) from error
 
 
-_DEFAULT_ID = 1
-
-
 @click.command(
     epilog="Example: smarttac device --eds some.eds --node-id 5 --interface socketcan "
     "--channel vcan0"
@@ -619,7 +614,9 @@ _DEFAULT_ID = 1
     help="EDS or DCF of the device.",
 )
 @click.option(
-    "--node-id", type=NODE_ID, help="Overrides a stored one. Without it, the stored one, else 1."
+    "--node-id",
+    type=NODE_ID,
+    help="Overrides a stored one. Without it, that of a DCF, else the stored one, else 1.",
 )
 @unconfigured_option
 @bus_options
@@ -639,12 +636,12 @@ def device(
     """Run a device of any EDS, with its values in memory, until Ctrl-C or SIGTERM.
 
     It has every service whose objects the EDS has. Its other objects only store values: what is
-    written is read back, and TPDOs carry it.
+    written is read back, and TPDOs carry it. A PDO whose mapping or CAN-ID is not valid is off.
+    A DCF is run as the node that it is for.
     """
     with plain_errors():
-        fixed = own_node_id(node_id, unconfigured)
-        with naming(eds):
-            od = load_eds(read_eds_file(eds), _DEFAULT_ID if node_id is None else node_id)
-        warn(eds, od.warnings)
+        fixed = own_node_id(node_id, unconfigured, eds)
+        od = load_file(eds, node_id)
+        warn(eds, [*od.warnings, *map(str, check_pdos(od))])
         node = DeviceNode(Device(od, autostart=autostart, storage=storage, node_id=fixed))
         run_in_process("device", node, bus, Pace(lockstep))

@@ -246,7 +246,7 @@ def replay(
 
         def power_on() -> StimulatorNode:
             return StimulatorNode(
-                load_device("stimulator.eds", eds, node_id),
+                load_device("stimulator.eds", eds, node_id, STIMULATOR_ID),
                 plate_node_id=plate_node,
                 produce_sync=produce_sync,
                 lockstep=lockstep,

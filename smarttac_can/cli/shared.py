@@ -31,6 +31,7 @@ from smarttac_can.host.files import (
     StorageFile,
     packaged_eds,
     read_bounded,
+    read_eds_file,
     reason,
     result_file,
     trouble,
@@ -38,7 +39,8 @@ from smarttac_can.host.files import (
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.master.errors import BenchError
 from smarttac_can.od.cia import UNCONFIGURED
-from smarttac_can.od.eds import EDSError
+from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.eds import EDSError, load_eds, node_id_of, read_sections
 
 _LONGEST_LINE: Final = 500
 _MOST_WARNINGS: Final = 20
@@ -195,8 +197,34 @@ unconfigured_option = click.option(
 )
 
 
-def own_node_id(node_id: int | None, unconfigured: bool) -> int | None:
-    """Return the node-ID that a user gave, which overrides a stored one.
+def load_file(file: Path, node_id: int | None = None, absent: int = 1) -> ObjectDictionary:
+    """Load an EDS, or a DCF, which is not taken for another node than its own.
+
+    Parameters
+    ----------
+    node_id
+        Node-ID that the user gave; None for that of a DCF.
+    absent
+        Node-ID for an EDS if the user gave none.
+
+    Raises
+    ------
+    click.ClickException
+        The file cannot be interpreted, or is the DCF of another node.
+    """
+    text = read_eds_file(file)
+    with naming(file, ValueError):
+        own = node_id_of(read_sections(text, []), node_id)
+        return load_eds(text, absent if own is None else own)
+
+
+def own_node_id(node_id: int | None, unconfigured: bool, file: Path | None = None) -> int | None:
+    """Return the node-ID that a user gave, or that of a DCF; either overrides a stored one.
+
+    Parameters
+    ----------
+    file
+        EDS or DCF of the device; None for a packaged EDS.
 
     Returns
     -------
@@ -208,9 +236,18 @@ def own_node_id(node_id: int | None, unconfigured: bool) -> int | None:
     ------
     click.UsageError
         A node-ID is given for an unconfigured device.
+    click.ClickException
+        The DCF is of another node.
     """
     if unconfigured and node_id is not None:
         raise click.UsageError(f"--unconfigured has no --node-id, but {node_id} is given")
+    if file is not None:
+        with naming(file):
+            node_id = node_id_of(read_sections(read_eds_file(file), []), node_id)
+    if unconfigured and node_id is not None:
+        raise click.UsageError(
+            f"--unconfigured has no node-ID, but {file} is the DCF of node {node_id}: give its EDS"
+        )
     return UNCONFIGURED if unconfigured else node_id
 
 

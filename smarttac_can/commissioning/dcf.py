@@ -15,13 +15,13 @@ from typing import Final
 
 from smarttac_can.od.cia import IDENTITY, Abort, DataType, ObjectType
 from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.od.eds import EDSError, load_eds, parse_integer, parse_value
+from smarttac_can.od.eds import COMMISSIONING, EDSError, load_eds, parse_integer, parse_value
 from smarttac_can.od.entry import Entry
 from smarttac_can.od.units import Quantity
 
 _BIT_RATES: Final = (10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
 """Bit rates in bit/s for which an EDS has a key."""
-COMMISSIONING: Final = "DeviceComissioning"
+_COMMISSIONING: Final = "DeviceComissioning"
 """Name of the section, with the spelling of the standard."""
 
 _SECTION: Final = re.compile(r"^([0-9a-f]{4})(?:sub([0-9a-f]{1,2}))?$", re.IGNORECASE)
@@ -86,7 +86,7 @@ def make_dcf(
     _put(info, "LastEDS", eds_name)
     _put(info, "ModificationTime", now.strftime("%I:%M%p"))
     _put(info, "ModificationDate", now.strftime("%m-%d-%Y"))
-    commissioning = _section(file, COMMISSIONING)
+    commissioning = _commissioning(file)
     for key, number in {
         "NodeID": node_id,
         "NodeName": od.info.get("productname", ""),
@@ -129,6 +129,12 @@ def _section(file: ConfigParser, name: str) -> SectionProxy:
     return file[name]
 
 
+def _commissioning(file: ConfigParser) -> SectionProxy:
+    """Return the section of node-ID and bit rate, which many files spell right."""
+    other = (name for name in file.sections() if name.lower() in COMMISSIONING)
+    return _section(file, next(other, _COMMISSIONING))
+
+
 def _put(section: SectionProxy, key: str, value: str) -> None:
     """Set a key, in the spelling that it already has."""
     section[next((k for k in section if k.lower() == key.lower()), key)] = value
@@ -140,7 +146,7 @@ def _lowered(section: SectionProxy) -> dict[str, str]:
 
 def _resolve_node_id(file: ConfigParser, od: ObjectDictionary) -> None:
     """Write the numbers of ``$NODEID`` formulas, but keep values configured otherwise."""
-    before = _lowered(_section(file, COMMISSIONING)).get("nodeid", "")
+    before = _lowered(_commissioning(file)).get("nodeid", "")
     for name in file.sections():
         found = _SECTION.match(name)
         if found is None:

@@ -200,7 +200,7 @@ def compare_reads(
     od
         Object dictionary from the EDS, loaded for the device's node-ID.
     sections
-        Sections of the same EDS, as written.
+        Sections of the same EDS, with its compact forms written out.
     timeout
         Longest wait for an answer in s.
 
@@ -238,7 +238,7 @@ def write_dcf(
     od
         Object dictionary from the DCF, loaded for the device's node-ID.
     sections
-        Sections of the same DCF, as written.
+        Sections of the same DCF, with its compact forms written out.
     timeout
         Longest wait for an answer in s.
 
@@ -272,11 +272,7 @@ def stated_values(od: ObjectDictionary, sections: Sections) -> list[Entry]:
     return [
         entry
         for entry in od
-        if entry.writable
-        and (
-            "parametervalue" in sections.get(_section(entry, sections), {})
-            or str(entry.subindex) in sections.get(f"{entry.index:04x}value", {})
-        )
+        if entry.writable and "parametervalue" in sections.get(_section(entry, sections), {})
     ]
 
 
@@ -339,7 +335,7 @@ def _is_process_data(entry: Entry) -> bool:
 
 
 def _section(entry: Entry, sections: Sections) -> str:
-    """Return the section of an entry, or of its object for a CompactSubObj."""
+    """Return the name of the section of an entry."""
     name = f"{entry.index:04x}"
     for member in (f"{name}sub{entry.subindex:x}", f"{name}sub{entry.subindex:02x}"):
         if member in sections:

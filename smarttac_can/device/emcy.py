@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Final
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import ALL_STATES, CONFIGURABLE, NMTState
 from smarttac_can.device.port import Port
-from smarttac_can.device.service import Application, Service, check_cob_id
+from smarttac_can.device.service import Application, Service, check_cob_id, usable
 from smarttac_can.od.cia import (
     CAN_ID_MASK,
     COB_INVALID,
@@ -70,7 +70,8 @@ class Emergency(Service):
         if self._history and self._count is not None:
             for newer, older in zip(self._history[-2::-1], self._history[:0:-1], strict=True):
                 older.value = newer.value
-            self._history[0].value = code | int.from_bytes(vendor[:2], "little") << 16
+            newest = code | int.from_bytes(vendor[:2], "little") << 16
+            self._history[0].value = newest & (1 << 8 * self._history[0].size) - 1
             self._count.value = min(self._count.value + 1, len(self._history))
         self._enqueue(code, vendor)
 
@@ -104,7 +105,7 @@ class Emergency(Service):
         if entry.index == ERROR_FIELD and value != 0:
             raise Abort(AbortCode.VALUE)
         if entry.index == EMCY_COB_ID:
-            check_cob_id(entry.value, value)
+            check_cob_id(entry, value)
 
     def apply(self, entry: Entry) -> None:
         """Clear the history, or apply the new COB-ID or inhibit time; active errors stay."""
@@ -141,7 +142,8 @@ class Emergency(Service):
         return () if self._cob_id & COB_INVALID else (self.can_id,)
 
     def _read_parameters(self) -> None:
-        self._cob_id = self.od.number(EMCY_COB_ID, absent=COB_INVALID)
+        cob_id = self.od.number(EMCY_COB_ID, absent=COB_INVALID)
+        self._cob_id = cob_id if usable(cob_id) else COB_INVALID
         self._inhibit_time = 100 * self.od.number(EMCY_INHIBIT)
 
     def _update_register(self) -> int:

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Final, NamedTuple
 
-from smarttac_can.od.cia import Abort, AbortCode, DataType
+from smarttac_can.device.service import settable
+from smarttac_can.od.cia import MOST_MAPPED, Abort, AbortCode, DataType
 from smarttac_can.od.data_types import REAL, SIGNED, SIZES, TIME, UNSIGNED, bounds, pack, unpack
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
@@ -120,15 +121,27 @@ def mapped_entry(od: ObjectDictionary, value: int, direction: Direction) -> Entr
     return entry
 
 
+def fixed_count(od: ObjectDictionary, index: int) -> bool:
+    """Return whether the number of objects of a mapping record cannot be set to 0."""
+    return not settable(od.get(index), 0)
+
+
 def compile_mapping(
-    od: ObjectDictionary, index: int, direction: Direction, count: int | None = None
+    od: ObjectDictionary,
+    index: int,
+    direction: Direction,
+    count: int | None = None,
+    written: tuple[int, int] = (0, 0),
 ) -> Mapping:
     """Read the mapping record at an index.
 
     Parameters
     ----------
     count
-        Number of mapped objects; None for the number in sub-index 0.
+        Number of mapped objects; None for the number in sub-index 0. If that is fixed, objects
+        that are 0 are left out.
+    written
+        Sub-index with another value than it has; (0, 0) for none.
 
     Raises
     ------
@@ -136,10 +149,16 @@ def compile_mapping(
         As for `mapped_entry`; PDO_LENGTH for more than 64 bits or more objects than sub-indices.
     """
     count = od.number(index) if count is None else count
-    parameters = [od.get(index, subindex) for subindex in range(1, count + 1)]
-    if any(parameter is None for parameter in parameters):
+    parameters = [od.get(index, subindex) for subindex in range(1, min(count, MOST_MAPPED) + 1)]
+    if count > MOST_MAPPED or any(parameter is None for parameter in parameters):
         raise Abort(AbortCode.PDO_LENGTH)
-    values = [parameter.value for parameter in parameters if parameter is not None]
+    values = [
+        written[1] if parameter.subindex == written[0] else parameter.value
+        for parameter in parameters
+        if parameter is not None
+    ]
+    if fixed_count(od, index):
+        values = [value for value in values if value]
     if sum(value & 0xFF for value in values) > PDO_BITS:
         raise Abort(AbortCode.PDO_LENGTH)
     code = "<"
@@ -178,7 +197,7 @@ def compile_mapping(
 
 
 def check_mapping(
-    od: ObjectDictionary, entry: Entry, value: int, direction: Direction, *, valid: bool
+    od: ObjectDictionary, entry: Entry, value: int, direction: Direction, *, in_use: bool
 ) -> None:
     """Enforce the procedure for writing a mapping record.
 
@@ -186,19 +205,29 @@ def check_mapping(
     PDO. For masters that write back what they have read, an unchanged number of objects is
     accepted, and so is an unchanged object while the number is 0.
 
+    If the EDS fixes the number, an object is written without these two steps.
+
+    Parameters
+    ----------
+    in_use
+        Whether the PDO is valid, and can be made invalid.
+
     Raises
     ------
     Abort
         ACCESS for an object while the number is not 0, even if unchanged; STATE while the PDO is
-        valid; else as for `compile_mapping`.
+        in use; else as for `compile_mapping`.
     """
-    if entry.subindex and od.number(entry.index):
+    fixed = fixed_count(od, entry.index)
+    if entry.subindex and od.number(entry.index) and not fixed:
         raise Abort(AbortCode.ACCESS)
     if value == entry.value:
         return
-    if valid:
+    if in_use:
         raise Abort(AbortCode.STATE)
-    if entry.subindex == 0:
+    if entry.subindex and fixed:
+        compile_mapping(od, entry.index, direction, written=(entry.subindex, value))
+    elif entry.subindex == 0:
         compile_mapping(od, entry.index, direction, value)
     elif value:
         mapped_entry(od, value, direction)

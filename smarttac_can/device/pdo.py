@@ -9,7 +9,7 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.device.mapping import Direction, Mapping, check_mapping, compile_mapping
 from smarttac_can.device.nmt import OPERATIONAL_ONLY
 from smarttac_can.device.port import Port
-from smarttac_can.device.service import Application, Service, check_cob_id
+from smarttac_can.device.service import Application, Service, check_cob_id, settable, usable
 from smarttac_can.device.sync import Sync
 from smarttac_can.od.cia import (
     ACYCLIC,
@@ -35,6 +35,7 @@ from smarttac_can.od.cia import (
     EmergencyCode,
     ErrorRegister,
 )
+from smarttac_can.od.data_types import bounds
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 
@@ -76,36 +77,38 @@ class PDO(Service):
         """Return the numbers of the PDOs in the EDS."""
         return [
             number + 1 for number in range(PDO_COUNT)
-            if all(first + number in od.objects for first in cls.records)
+            if od.get(cls.records[0] + number, PDO_COB_ID) and cls.records[1] + number in od.objects
         ]  # fmt: skip
 
     def check(self, entry: Entry, value: Any) -> None:
         """Refuse reserved values, and changes that the standard forbids while the PDO is valid."""
-        mapping = self.objects[1]
+        communication, mapping = self.objects
+        cob_id = self.od.entry(communication, PDO_COB_ID)
+        in_use = self.valid and settable(cob_id, cob_id.value | COB_INVALID)
         if entry.index == mapping:
-            check_mapping(self.od, entry, value, self.direction, valid=self.valid)
+            check_mapping(self.od, entry, value, self.direction, in_use=in_use)
         elif entry.subindex == PDO_COB_ID:
-            check_cob_id(entry.value, value)
+            check_cob_id(entry, value)
             if not value & COB_INVALID:
                 compile_mapping(self.od, mapping, self.direction)
         elif entry.subindex == PDO_TRANSMISSION:
             if CYCLIC_LAST < value < self.first_event_type:
                 raise Abort(AbortCode.VALUE)
-        elif (
-            entry.subindex in (PDO_INHIBIT, PDO_SYNC_START) and self.valid and value != entry.value
-        ):
+        elif entry.subindex in (PDO_INHIBIT, PDO_SYNC_START) and in_use and value != entry.value:
             raise Abort(AbortCode.STATE)
 
     def configure(self) -> None:
-        """Read both records; a PDO with an invalid mapping becomes invalid."""
+        """Read both records; a PDO with an invalid mapping or CAN-ID becomes invalid."""
         communication, mapping = self.objects
         cob_id = self.od.entry(communication, PDO_COB_ID)
         try:
             self.mapping = compile_mapping(self.od, mapping, self.direction)
         except Abort:
             self.mapping = None
-            cob_id.value |= COB_INVALID
         self.cob_id = cob_id.value
+        if self.mapping is None or not usable(self.cob_id):
+            self.cob_id |= COB_INVALID
+            cob_id.value = min(self.cob_id, int(bounds(cob_id.data_type)[1]))
         self.can_id = self.cob_id & CAN_ID_MASK
         self.valid = not self.cob_id & COB_INVALID
         self.transmission = self.od.number(communication, PDO_TRANSMISSION)

@@ -445,7 +445,7 @@ class SDOServer(Service):
     def check(self, entry: Entry, value: Any) -> None:
         """Refuse another CAN-ID while the present one is valid."""
         if entry.subindex in (1, 2):
-            check_cob_id(entry.value, value)
+            check_cob_id(entry, value)
 
     def apply(self, entry: Entry) -> None:
         """Apply a new CAN-ID; a disabled server drops its transfer."""

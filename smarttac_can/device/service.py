@@ -171,24 +171,41 @@ class Service:
         return ()
 
 
+def usable(cob_id: int) -> bool:
+    """Return whether the CAN-ID of a COB-ID has 11 bits and is not restricted."""
+    wide = COB_EXTENDED | ((COB_EXTENDED - 1) & ~CAN_ID_MASK)
+    return not (cob_id & wide or restricted(cob_id & CAN_ID_MASK))
+
+
 def check_can_id(cob_id: int) -> None:
     """Raise `Abort` with VALUE for a COB-ID with a 29-bit or restricted CAN-ID."""
-    wide = COB_EXTENDED | ((COB_EXTENDED - 1) & ~CAN_ID_MASK)
-    if cob_id & wide or restricted(cob_id & CAN_ID_MASK):
+    if not usable(cob_id):
         raise Abort(AbortCode.VALUE)
 
 
-def check_cob_id(old: int, new: int) -> None:
-    """Check the COB-ID for an object with a valid bit (PDO, EMCY, SDO server).
+def settable(entry: Entry | None, value: int) -> bool:
+    """Return whether an entry can be set to a value, by its access and limits in the EDS.
+
+    CiA 301 has procedures that begin with such a write, as of the valid bit of a COB-ID. Where the
+    EDS rules it out, the procedure cannot be followed, and must not be required.
+    """
+    return entry is not None and entry.writable and entry.low <= value <= entry.high
+
+
+def check_cob_id(entry: Entry, new: int) -> None:
+    """Check a COB-ID that is written to an object with a valid bit (PDO, EMCY, SDO server).
 
     Raises
     ------
     Abort
-        STATE if the CAN-ID would change while the object is valid; else as `check_can_id`.
+        STATE if the CAN-ID would change while the object is valid, and could be made invalid
+        before; else as `check_can_id`.
     """
     if new & COB_INVALID:
         return
-    if not old & COB_INVALID and (old ^ new) & (COB_EXTENDED | (COB_EXTENDED - 1)):
+    old = entry.value
+    changed = (old ^ new) & (COB_EXTENDED | (COB_EXTENDED - 1))
+    if not old & COB_INVALID and changed and settable(entry, old | COB_INVALID):
         raise Abort(AbortCode.STATE)
     check_can_id(new)
 

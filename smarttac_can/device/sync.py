@@ -9,7 +9,7 @@ from smarttac_can.device.emcy import Emergency
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.nmt import CONFIGURABLE
 from smarttac_can.device.port import Port
-from smarttac_can.device.service import Service, check_can_id
+from smarttac_can.device.service import Service, check_can_id, settable, usable
 from smarttac_can.od.cia import (
     CAN_ID_MASK,
     COB_SYNC_PRODUCER,
@@ -72,6 +72,7 @@ class Sync(Service):
         self.can_id = SYNC_ID
         self.counter = 0
         self.own = False
+        self._usable = True
         self._produces = False
         self._period = 0
         self._overflow = 0
@@ -116,11 +117,12 @@ class Sync(Service):
         """
         if entry.index == SYNC_COB_ID:
             same = entry.value & CAN_ID_MASK == value & CAN_ID_MASK
-            if entry.value & value & COB_SYNC_PRODUCER and not same:
+            produces = entry.value & value & COB_SYNC_PRODUCER
+            if produces and not same and settable(entry, entry.value & ~COB_SYNC_PRODUCER):
                 raise Abort(AbortCode.STATE)
             check_can_id(value)
         elif entry.index == SYNC_COUNTER and value != entry.value:
-            if self._period:
+            if self._period and settable(self.od.get(SYNC_PERIOD), 0):
                 raise Abort(AbortCode.STATE)
             if value == 1 or value > SYNC_COUNTER_LAST:
                 raise Abort(AbortCode.VALUE)
@@ -137,7 +139,8 @@ class Sync(Service):
         """Read COB-ID, period and window in us, and the overflow value of the counter."""
         cob_id = self.od.number(SYNC_COB_ID, absent=SYNC_ID)
         self.can_id = cob_id & CAN_ID_MASK
-        self._produces = bool(cob_id & COB_SYNC_PRODUCER)
+        self._usable = usable(cob_id)
+        self._produces = bool(cob_id & COB_SYNC_PRODUCER) and self._usable
         self._period = self.od.number(SYNC_PERIOD)
         self._overflow = self.od.number(SYNC_COUNTER)
         self._window = self.od.number(SYNC_WINDOW)
@@ -152,8 +155,9 @@ class Sync(Service):
         self._timer.stop()
 
     def listen(self) -> None:
-        """Listen to the CAN-ID of SYNC."""
-        self.port.listen(self.can_id, self.receive)
+        """Listen to the CAN-ID of SYNC, unless the EDS has one of another service there."""
+        if self._usable:
+            self.port.listen(self.can_id, self.receive)
 
     def receive(self, frame: Frame) -> None:
         """Take a SYNC; a SYNC of the wrong length is ignored and reported."""
@@ -223,7 +227,8 @@ class TimeStamp(Service):
             STATE for another CAN-ID while in use, VALUE for an invalid COB-ID.
         """
         same = entry.value & CAN_ID_MASK == value & CAN_ID_MASK
-        if entry.value & value & COB_TIME_CONSUMER and not same:
+        consumes = entry.value & value & COB_TIME_CONSUMER
+        if consumes and not same and settable(entry, entry.value & ~COB_TIME_CONSUMER):
             raise Abort(AbortCode.STATE)
         if value & COB_TIME_PRODUCER:
             raise Abort(AbortCode.VALUE)

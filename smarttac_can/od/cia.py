@@ -212,12 +212,14 @@ RPDO_MAPPING: Final = 0x1600
 TPDO_COMMUNICATION: Final = 0x1800
 TPDO_MAPPING: Final = 0x1A00
 PDO_COUNT: Final = 0x200
+MOST_MAPPED: Final = 64
 NMT_STARTUP: Final = 0x1F80
 
 # Sub-indices of the PDO communication parameter record.
 PDO_COB_ID: Final = 1
 PDO_TRANSMISSION: Final = 2
 PDO_INHIBIT: Final = 3
+PDO_RESERVED: Final = 4
 PDO_EVENT: Final = 5
 PDO_SYNC_START: Final = 6
 
@@ -286,3 +288,66 @@ _RESTRICTED_IDS: Final = (
 def restricted(can_id: int) -> bool:
     """Return whether a configurable object must not have an 11-bit CAN-ID (CiA 301, table 39)."""
     return any(first <= can_id <= last for first, last in _RESTRICTED_IDS)
+
+
+_VARIABLES: Final = {
+    DEVICE_TYPE: DataType.UNSIGNED32,
+    ERROR_REGISTER: DataType.UNSIGNED8,
+    SYNC_COB_ID: DataType.UNSIGNED32,
+    SYNC_PERIOD: DataType.UNSIGNED32,
+    SYNC_WINDOW: DataType.UNSIGNED32,
+    DEVICE_NAME: DataType.VISIBLE_STRING,
+    HARDWARE_VERSION: DataType.VISIBLE_STRING,
+    SOFTWARE_VERSION: DataType.VISIBLE_STRING,
+    GUARD_TIME: DataType.UNSIGNED16,
+    LIFE_TIME_FACTOR: DataType.UNSIGNED8,
+    EMCY_COB_ID: DataType.UNSIGNED32,
+    EMCY_INHIBIT: DataType.UNSIGNED16,
+    HEARTBEAT_PRODUCER: DataType.UNSIGNED16,
+    SYNC_COUNTER: DataType.UNSIGNED8,
+    NMT_STARTUP: DataType.UNSIGNED32,
+}
+_ARRAYS: Final = {
+    ERROR_FIELD: DataType.UNSIGNED32,
+    STORE_PARAMETERS: DataType.UNSIGNED32,
+    RESTORE_DEFAULTS: DataType.UNSIGNED32,
+    HEARTBEAT_CONSUMER: DataType.UNSIGNED32,
+    IDENTITY: DataType.UNSIGNED32,
+    VERIFY_CONFIGURATION: DataType.UNSIGNED32,
+    ERROR_BEHAVIOUR: DataType.UNSIGNED8,
+}
+_PDO: Final = {
+    PDO_COB_ID: DataType.UNSIGNED32,
+    PDO_TRANSMISSION: DataType.UNSIGNED8,
+    PDO_INHIBIT: DataType.UNSIGNED16,
+    PDO_RESERVED: DataType.UNSIGNED8,
+    PDO_EVENT: DataType.UNSIGNED16,
+    PDO_SYNC_START: DataType.UNSIGNED8,
+}
+_SDO: Final = {1: DataType.UNSIGNED32, 2: DataType.UNSIGNED32, 3: DataType.UNSIGNED8}
+_MAPPING: Final = dict.fromkeys(range(1, MOST_MAPPED + 1), DataType.UNSIGNED32)
+_LAST_PDO: Final = PDO_COUNT - 1
+_RECORDS: Final = (
+    (SDO_SERVER_FIRST, SDO_SERVER_LAST, _SDO),
+    (RPDO_COMMUNICATION, RPDO_COMMUNICATION + _LAST_PDO, _PDO),
+    (TPDO_COMMUNICATION, TPDO_COMMUNICATION + _LAST_PDO, _PDO),
+    (RPDO_MAPPING, RPDO_MAPPING + _LAST_PDO, _MAPPING),
+    (TPDO_MAPPING, TPDO_MAPPING + _LAST_PDO, _MAPPING),
+)
+
+
+def standard_type(index: int, subindex: int) -> DataType | None:
+    """Return the data type that CiA 301 has for an entry of its profile area, None without one."""
+    if index in _VARIABLES or subindex == 0:
+        return _VARIABLES.get(index)
+    if index in _ARRAYS:
+        return _ARRAYS[index]
+    for first, last, types in _RECORDS:
+        if first <= index <= last:
+            return types.get(subindex)
+    return None
+
+
+def is_mapping(index: int) -> bool:
+    """Return whether an object is the mapping record of a PDO."""
+    return any(0 <= index - first < PDO_COUNT for first in (RPDO_MAPPING, TPDO_MAPPING))

@@ -36,8 +36,9 @@ class Object:
             found = (data for first, last, data in RECORD_TYPES if first <= self.index <= last)
             data_type = next(found, 0)
         else:
-            subindex = 1 if self.object_type is ObjectType.ARRAY and 1 in self.entries else 0
-            data_type = self.entries[subindex].data_type
+            # An ARRAY has the type of its elements, of which the EDS may describe only some.
+            elements = [entry for entry in self.entries.values() if entry.subindex]
+            data_type = (elements or list(self.entries.values()))[0].data_type
         return data_type << 8 | self.object_type
 
 

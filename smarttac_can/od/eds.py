@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import re
 import struct
+from collections.abc import Iterable, Iterator
+from itertools import islice, takewhile
 from numbers import Integral
 from typing import Any, Final, TypeVar
 
-from smarttac_can.od.cia import LAST_NODE_ID, LAST_SUBINDEX, DataType, ObjectType
-from smarttac_can.od.data_types import REAL, SIGNED, SIZES, TEXT, bounds, visible, zero
+from smarttac_can.od import cia
+from smarttac_can.od.cia import LAST_NODE_ID, LAST_SUBINDEX, UNCONFIGURED, DataType, ObjectType
+from smarttac_can.od.data_types import REAL, SIGNED, SIZES, TEXT, UNSIGNED, bounds, visible, zero
 from smarttac_can.od.dictionary import Object, ObjectDictionary
 from smarttac_can.od.entry import ACCESS, Entry
 from smarttac_can.od.units import ONE, Quantity, split_name
@@ -84,7 +87,7 @@ def read_sections(text: str, warnings: list[str]) -> Sections:
 # Syntax of values in an EDS: numbers, `$NODEID` formulas, texts and octets (CiA 306, 4.3).
 
 
-_NUMBER: Final = re.compile(r"^([+-]?)(0x[0-9a-f]{1,32}|[0-9]{1,32})$")
+_INTEGER: Final = re.compile(r"^([+-]?)(0x[0-9a-f]{1,32}|[0-9]{1,32})$")
 _NODE_ID: Final = re.compile(r"^(?:\$nodeid\+)(.+)$|^(.+)\+\$nodeid$|^\$nodeid()$")
 
 
@@ -132,7 +135,7 @@ def parse_integer(text: str, where: str) -> int:
     EDSError
         The text is no such number; the message begins with ``where``.
     """
-    found = _NUMBER.match(text.strip().lower())
+    found = _INTEGER.match(text.strip().lower())
     if found is None:
         raise EDSError(f"{where} is no integer")
     digits = found[2]
@@ -174,6 +177,44 @@ def _octets(data_type: DataType, text: str, where: str) -> bytes:
     return data
 
 
+COMMISSIONING: Final = ("devicecomissioning", "devicecommissioning")
+"""Section of a DCF in lower case, with the spelling of the standard and with the right one."""
+_NO_NODE_ID: Final = (0, UNCONFIGURED)
+"""Node-IDs of files of a device that has none yet."""
+
+
+def node_id_of(sections: Sections, given: int | None = None) -> int | None:
+    """Return the node-ID for which a file is to be loaded.
+
+    Parameters
+    ----------
+    given
+        Node-ID that the user asks for; None for that of the file.
+
+    Returns
+    -------
+    int or None
+        `given`, or that of a DCF; None for an EDS, which has none.
+
+    Raises
+    ------
+    EDSError
+        A DCF is of another node: its values would address that one.
+    """
+    name = next((name for name in COMMISSIONING if name in sections), COMMISSIONING[0])
+    own = _number(sections, name, "nodeid")
+    if own in _NO_NODE_ID:
+        return given
+    if not 1 <= own <= LAST_NODE_ID:
+        raise EDSError(f"[{name}] nodeid {own} is outside 1..{LAST_NODE_ID}")
+    if given not in (None, own):
+        raise EDSError(
+            f"the DCF is of node {own}, not of {given}: leave the node-ID out, or make a DCF of "
+            f"node {given} by 'smarttac eds dcf'"
+        )
+    return own
+
+
 OBJECT: Final = re.compile(r"^[0-9a-f]{4}$")
 MEMBER: Final = re.compile(r"^([0-9a-f]{4})sub([0-9a-f]{1,2})$")
 _COMPACT: Final = re.compile(r"^([0-9a-f]{4})(name|value|denotation|objectlinks)$")
@@ -185,7 +226,149 @@ _LISTS: Final = ("mandatoryobjects", "optionalobjects", "manufacturerobjects")
 
 LONGEST_NAME: Final = 241
 MAX_ENTRIES: Final = 32_768
-"""Most sub-indices of a device; one line with CompactSubObj makes 254."""
+"""Most sub-indices of a device; one line with CompactSubObj makes 255."""
+
+# Compact forms of CiA 306, written out as the sections for which they stand, before anything else
+# is read: a compact object then cannot behave otherwise than one that is written out.
+
+_OF_EACH: Final = (
+    "datatype", "accesstype", "defaultvalue", "lowlimit", "highlimit", "pdomapping", "objflags",
+)  # fmt: skip
+"""Keys that a compact object has for each of its sub-indices."""
+_COMMUNICATION: Final = {
+    cia.PDO_COB_ID: "COB-ID",
+    cia.PDO_TRANSMISSION: "Transmission type",
+    cia.PDO_INHIBIT: "Inhibit time",
+    cia.PDO_RESERVED: "Reserved",
+    cia.PDO_EVENT: "Event timer",
+    cia.PDO_SYNC_START: "SYNC start value",
+}
+"""Sub-indices of a communication record; bit n of CompactPDO stands for sub-index n + 1."""
+_PDOS: Final = (
+    ("nrofrxpdo", "RPDO", cia.RPDO_COMMUNICATION, cia.RPDO_MAPPING, cia.RPDO_IDS),
+    ("nroftxpdo", "TPDO", cia.TPDO_COMMUNICATION, cia.TPDO_MAPPING, cia.TPDO_IDS),
+)
+
+
+def write_out(sections: Sections) -> set[int]:
+    """Add the sections for which CompactSubObj and CompactPDO stand.
+
+    Returns
+    -------
+    set of int
+        Indices of the objects that were added.
+
+    Raises
+    ------
+    EDSError
+        One of them is no number or out of range, or they stand for more than `MAX_ENTRIES`
+        sub-indices.
+    """
+    described = [name for name in sections if OBJECT.match(name)]
+    _write_out_pdos(sections)
+    added = 0
+    for name in described:
+        kind = _number(sections, name, "objecttype", ObjectType.RECORD)
+        count = _number(sections, name, "compactsubobj")
+        if not count or kind not in (ObjectType.ARRAY, ObjectType.RECORD):
+            continue
+        if not 1 <= count <= LAST_SUBINDEX:
+            raise EDSError(f"[{name}] CompactSubObj {count} is outside 0..{LAST_SUBINDEX}")
+        added += count + 1
+        if added > MAX_ENTRIES:
+            raise EDSError(f"there are more than {MAX_ENTRIES} sub-indices")
+        for subindex, section in _members_of_compact(int(name, 16), count, sections):
+            if f"{name}sub{subindex:02x}" not in sections:
+                sections.setdefault(f"{name}sub{subindex:x}", section)
+    return {int(name, 16) for name in sections.keys() - {*described} if OBJECT.match(name)}
+
+
+def _members_of_compact(
+    index: int, count: int, sections: Sections
+) -> Iterator[tuple[int, Section]]:
+    """Yield the sub-indices of a CompactSubObj (CiA 306, 4.6.3.4).
+
+    Sub-index 0 is read-only, except where CiA 301 lets it count what is in use: the number of
+    errors, which 0 clears, and that of mapped objects.
+    """
+    name = f"{index:04x}"
+    keys = sections[name]
+    each = {key: keys[key] for key in _OF_EACH if key in keys}
+    title = keys.get("parametername") or name.upper()
+    whole, opened, unit = title.rpartition("[")
+    title, unit = (whole.rstrip(), f" [{unit}") if opened and unit[-1:] == "]" else (title, "")
+    first = {"parametername": "NrOfObjects", "datatype": "5", "accesstype": "ro"}
+    if cia.is_mapping(index):
+        first["accesstype"] = each.get("accesstype", "")
+    elif index == cia.ERROR_FIELD:
+        first["accesstype"] = "rw"
+    else:
+        first["defaultvalue"] = f"{count}"
+    yield 0, first
+    names = sections.get(f"{name}name", {})
+    values = sections.get(f"{name}value", {})
+    for number in range(1, count + 1):
+        member = names.get(str(number)) or f"{title}{number}"
+        section = each | {"parametername": member if member[-1:] == "]" else member + unit}
+        if (wanted := cia.standard_type(index, number)) is not None:
+            section["datatype"] = f"{int(wanted)}"
+        if value := values.get(str(number)):
+            section["parametervalue"] = value
+        yield number, section
+
+
+def _write_out_pdos(sections: Sections) -> None:
+    """Add the PDOs that ``[DeviceInfo]`` counts, but that have no section (CompactPDO)."""
+    mask = _number(sections, "deviceinfo", "compactpdo")
+    present = [sub for sub in _COMMUNICATION if mask >> sub - 1 & 1]
+    for key, kind, communication, mapping, can_ids in _PDOS if present else ():
+        wanted = _number(sections, "deviceinfo", key)
+        if not 0 <= wanted <= cia.PDO_COUNT:
+            raise EDSError(f"[deviceinfo] {key} {wanted} is outside 0..{cia.PDO_COUNT}")
+        described = {
+            number
+            for number in range(cia.PDO_COUNT)
+            if {f"{communication + number:04x}", f"{mapping + number:04x}"} & sections.keys()
+        }
+        free = (number for number in range(cia.PDO_COUNT) if number not in described)
+        for number in sorted({*described, *islice(free, max(wanted - len(described), 0))}):
+            cob_id = f"$NODEID+0x{can_ids[number]:X}" if number < len(can_ids) else "0x80000000"
+            title = f"{kind} {number + 1}"
+            _add_record(sections, communication + number, title, present, cob_id)
+            _add_record(
+                sections, mapping + number, f"{title} mapping", range(1, cia.MOST_MAPPED + 1)
+            )
+
+
+def _add_record(
+    sections: Sections, index: int, title: str, subindices: Iterable[int], cob_id: str = ""
+) -> None:
+    """Add a record of a PDO, whose entries can be written; one with a section of its own stays."""
+    name = f"{index:04x}"
+    if name in sections:
+        return
+    values = sections.get(f"{name}value", {})
+    sections[name] = {"parametername": title, "objecttype": f"{int(ObjectType.RECORD)}"}
+    count = {"parametername": "Number of objects", "datatype": "5", "accesstype": "const"}
+    sections[f"{name}sub0"] = count | ({} if cob_id else {"accesstype": "rw"})
+    for subindex in subindices:
+        member = _COMMUNICATION[subindex] if cob_id else f"Object {subindex}"
+        section = {
+            "parametername": member,
+            "datatype": f"{cia.standard_type(index, subindex):d}",
+            "accesstype": "rw",
+        }
+        if cob_id and subindex == cia.PDO_COB_ID:
+            section["defaultvalue"] = cob_id
+        if value := values.get(str(subindex)):
+            section["parametervalue"] = value
+        sections[f"{name}sub{subindex:x}"] = section
+
+
+def _number(sections: Sections, name: str, key: str, absent: int = 0) -> int:
+    text = sections.get(name, {}).get(key, "")
+    return parse_integer(text, f"[{name}] {key}") if text else absent
+
 
 _Kind = TypeVar("_Kind", DataType, ObjectType)
 
@@ -217,6 +400,7 @@ def load_eds(text: str, node_id: int) -> ObjectDictionary:
     warnings: list[str] = []
     sections = read_sections(text, warnings)
     _warn_about_characters(text, warnings)
+    implied = write_out(sections)
     reader = _Reader(sections, node_id, warnings)
     objects = [
         item
@@ -225,7 +409,7 @@ def load_eds(text: str, node_id: int) -> ObjectDictionary:
     ]
     if not objects:
         raise EDSError("the file has no objects")
-    reader.warn_about_leftovers({item.index for item in objects})
+    reader.warn_about_leftovers({item.index for item in objects}, implied)
     usage = sections.get("dummyusage", {})
     dummies = frozenset(n for n in range(1, 8) if usage.get(f"dummy{n:04x}", "0") not in ("0", ""))
     return ObjectDictionary(
@@ -252,7 +436,7 @@ class _Reader:
         """Return the object at an index; None for object types without data."""
         section = self.sections[name]
         index = int(name, 16)
-        compact = self._integer(name, "compactsubobj")
+        compact = self._integer(name, "compactsubobj") != 0
         members = self.members.get(index, {})
         if "objecttype" in section:
             object_type = self._enumerated(name, "objecttype", ObjectType)
@@ -264,18 +448,50 @@ class _Reader:
         title, unit = self._title(name, name.upper())
         if object_type in (ObjectType.VAR, ObjectType.DOMAIN):
             entries = {0: self._entry(name, index, 0, title, unit)}
-        elif compact:
-            entries = self._compact(name, index, title, unit, compact)
         else:
             entries = {}
-        for subindex, member in sorted(members.items() if object_type not in (2, 7) else ()):
+        structured = object_type in (ObjectType.ARRAY, ObjectType.RECORD)
+        for subindex, member in sorted(members.items() if structured else ()):
             sub_title, sub_unit = self._title(member, f"{subindex:02X}")
             full = f"{title}.{sub_title}"
             entries[subindex] = self._entry(member, index, subindex, full, sub_unit)
         if not entries:
             raise EDSError(f"[{name}] has no sub-indices")
-        self._warn_about_count(name, object_type, len(entries), bool(compact))
+        if structured and 0 in entries:
+            self._set_count(members.get(0, name), entries)
+        if index == cia.SDO_SERVER_FIRST:
+            self._follow_node_id(entries)
+        self._warn_about_count(name, object_type, len(entries), compact)
         return Object(index, title, object_type, entries)
+
+    def _set_count(self, section: str, entries: dict[int, Entry]) -> None:
+        """Set sub-index 0 without a value to the number of entries, or to the number in use."""
+        keys, count = self.sections[section], entries[0]
+        if keys.get("parametervalue") or keys.get("defaultvalue") or count.size != 1:
+            return
+        highest = max(subindex for subindex in entries if subindex <= LAST_SUBINDEX)
+        if count.index == cia.ERROR_FIELD:
+            highest = 0
+        elif cia.is_mapping(count.index):
+            used = takewhile(lambda n: n in entries and entries[n].default, range(1, highest + 1))
+            highest = len(list(used))
+        count.default = count.value = min(max(highest, int(count.low)), int(count.high))
+
+    def _follow_node_id(self, entries: dict[int, Entry]) -> None:
+        """Set the COB-IDs of the default SDO, which CiA 301 derives from the node-ID alone."""
+        for subindex, base in ((1, cia.SDO_RX_ID), (2, cia.SDO_TX_ID)):
+            entry = entries.get(subindex)
+            if entry is None or entry.data_type is not DataType.UNSIGNED32:
+                continue
+            right = base + self.node_id
+            if entry.default not in (0, right):
+                self.warnings.append(
+                    f"[{entry.index:04X}sub{subindex}] value 0x{entry.default:X} is not that of "
+                    f"node-ID {self.node_id}, 0x{right:X} is taken instead"
+                )
+            entry.default = entry.value = right
+            entry.low, entry.high = bounds(entry.data_type)
+            entry.per_node = ("default",)
 
     def _warn_about_count(self, name: str, kind: ObjectType, count: int, compact: bool) -> None:
         if kind in (ObjectType.VAR, ObjectType.DOMAIN):
@@ -307,6 +523,7 @@ class _Reader:
             data_type = DataType.DOMAIN
         else:
             data_type = self._enumerated(name, "datatype", DataType)
+        data_type = self._of_standard(name, index, subindex, data_type)
         access = section.get("accesstype", "").lower() or ("rw" if domain else "")
         if access not in ACCESS:
             raise EDSError(f"[{name}] AccessType {access!r} is none of {', '.join(ACCESS)}")
@@ -334,27 +551,7 @@ class _Reader:
             entry.per_node = tuple(key for key, value in values.items() if _per_node(value))
         return entry
 
-    def _compact(
-        self, name: str, index: int, title: str, unit: Quantity, count: int
-    ) -> dict[int, Entry]:
-        """Return the sub-indices of CompactSubObj with names and values (CiA 306, 4.6.3.4)."""
-        if count > LAST_SUBINDEX:
-            raise EDSError(f"[{name}] CompactSubObj {count} is outside 0..{LAST_SUBINDEX}")
-        names = self.sections.get(f"{name}name", {})
-        values = self.sections.get(f"{name}value", {})
-        count_title = f"{title}.NrOfObjects"
-        entries = {0: Entry(index, 0, count_title, DataType.UNSIGNED8, "ro", default=count)}
-        for subindex in range(1, count + 1):
-            member = names.get(str(subindex), f"{title}{subindex}")
-            _require_short(member, f"[{name}name] {subindex}")
-            entry = self._entry(name, index, subindex, f"{title}.{member}", unit)
-            if text := values.get(str(subindex)):
-                entry.default = entry.value = self._value(name, entry.data_type, text)
-                entry.per_node = ("default",) if _per_node(text) else ()
-            entries[subindex] = entry
-        return entries
-
-    def warn_about_leftovers(self, known: set[int]) -> None:
+    def warn_about_leftovers(self, known: set[int], implied: set[int]) -> None:
         """Warn about sections without an object, and differences to the lists of objects."""
         for name in self.sections:
             found = MEMBER.match(name) or _COMPACT.match(name)
@@ -371,12 +568,27 @@ class _Reader:
         }
         for index in sorted(listed - known):
             self.warnings.append(f"[{index:04X}] is listed but not described")
-        for index in sorted(known - listed):
+        for index in sorted(known - listed - implied):
             self.warnings.append(f"[{index:04X}] is described but not listed")
 
+    def _of_standard(self, name: str, index: int, subindex: int, stated: DataType) -> DataType:
+        """Return the data type of an entry, for an object of CiA 301 one with which it can work.
+
+        Unsigned integers of another size are left as they are, as a device may have them.
+        """
+        wanted = cia.standard_type(index, subindex)
+        if wanted is None and not subindex and MEMBER.match(name):
+            known = cia.COMMUNICATION_FIRST <= index <= cia.COMMUNICATION_LAST
+            wanted = DataType.UNSIGNED8 if known else None
+        if wanted not in UNSIGNED or stated in UNSIGNED or stated is DataType.BOOLEAN:
+            return stated
+        same = (kind for kind, size in UNSIGNED.items() if SIGNED.get(stated) == size)
+        taken = DataType(next(same, wanted))
+        self.warnings.append(f"[{name}] is {stated.name}, and taken as {taken.name}, as in CiA 301")
+        return taken
+
     def _integer(self, section: str, key: str, absent: int = 0) -> int:
-        text = self.sections[section].get(key, "")
-        return parse_integer(text, f"[{section}] {key}") if text else absent
+        return _number(self.sections, section, key, absent)
 
     def _enumerated(self, section: str, key: str, kind: type[_Kind]) -> _Kind:
         value = self._integer(section, key)

@@ -18,6 +18,7 @@ from smarttac_can.od.eds import (
     EDSError,
     Sections,
     load_eds,
+    node_id_of,
     parse_integer,
     parse_value,
     read_sections,
@@ -54,65 +55,6 @@ _TITLES: Final = {
         "MandatoryObjects", "OptionalObjects", "ManufacturerObjects",
     )
 }  # fmt: skip
-
-# Data types that CiA 301 specifies for the objects of the communication profile area.
-
-
-_VARIABLES: Final = {
-    cia.DEVICE_TYPE: DataType.UNSIGNED32,
-    cia.ERROR_REGISTER: DataType.UNSIGNED8,
-    cia.SYNC_COB_ID: DataType.UNSIGNED32,
-    cia.SYNC_PERIOD: DataType.UNSIGNED32,
-    cia.SYNC_WINDOW: DataType.UNSIGNED32,
-    cia.DEVICE_NAME: DataType.VISIBLE_STRING,
-    cia.HARDWARE_VERSION: DataType.VISIBLE_STRING,
-    cia.SOFTWARE_VERSION: DataType.VISIBLE_STRING,
-    cia.GUARD_TIME: DataType.UNSIGNED16,
-    cia.LIFE_TIME_FACTOR: DataType.UNSIGNED8,
-    cia.EMCY_COB_ID: DataType.UNSIGNED32,
-    cia.EMCY_INHIBIT: DataType.UNSIGNED16,
-    cia.HEARTBEAT_PRODUCER: DataType.UNSIGNED16,
-    cia.SYNC_COUNTER: DataType.UNSIGNED8,
-    cia.NMT_STARTUP: DataType.UNSIGNED32,
-}
-_MEMBERS: Final = {
-    cia.ERROR_FIELD: DataType.UNSIGNED32,
-    cia.STORE_PARAMETERS: DataType.UNSIGNED32,
-    cia.RESTORE_DEFAULTS: DataType.UNSIGNED32,
-    cia.HEARTBEAT_CONSUMER: DataType.UNSIGNED32,
-    cia.IDENTITY: DataType.UNSIGNED32,
-    cia.VERIFY_CONFIGURATION: DataType.UNSIGNED32,
-    cia.ERROR_BEHAVIOUR: DataType.UNSIGNED8,
-}
-_PDO: Final = {
-    cia.PDO_COB_ID: DataType.UNSIGNED32,
-    cia.PDO_TRANSMISSION: DataType.UNSIGNED8,
-    cia.PDO_INHIBIT: DataType.UNSIGNED16,
-    cia.PDO_EVENT: DataType.UNSIGNED16,
-    cia.PDO_SYNC_START: DataType.UNSIGNED8,
-}
-_SDO: Final = {1: DataType.UNSIGNED32, 2: DataType.UNSIGNED32, 3: DataType.UNSIGNED8}
-_MAPPING: Final = dict.fromkeys(range(1, 65), DataType.UNSIGNED32)
-_LAST_PDO: Final = cia.PDO_COUNT - 1
-_RECORDS: Final = (
-    (cia.SDO_SERVER_FIRST, cia.SDO_SERVER_LAST, _SDO),
-    (cia.RPDO_COMMUNICATION, cia.RPDO_COMMUNICATION + _LAST_PDO, _PDO),
-    (cia.TPDO_COMMUNICATION, cia.TPDO_COMMUNICATION + _LAST_PDO, _PDO),
-    (cia.RPDO_MAPPING, cia.RPDO_MAPPING + _LAST_PDO, _MAPPING),
-    (cia.TPDO_MAPPING, cia.TPDO_MAPPING + _LAST_PDO, _MAPPING),
-)
-
-
-def _standard_type(index: int, subindex: int) -> DataType | None:
-    if index in _VARIABLES or subindex == 0:
-        return _VARIABLES.get(index)
-    if index in _MEMBERS:
-        return _MEMBERS[index]
-    for first, last, types in _RECORDS:
-        if first <= index <= last:
-            return types.get(subindex)
-    return None
-
 
 # Rules of CiA 306 for one entry: name, data type, access, limits, default, `$NODEID`.
 
@@ -155,7 +97,7 @@ def _check_entry(
         yield Finding(name, f"DataType={text} is no data type" if text else "DataType is missing")
         return
     data_type = DataType(code)
-    wanted = _standard_type(index, subindex)
+    wanted = cia.standard_type(index, subindex)
     if wanted not in (None, data_type):
         yield Finding(name, f"is {data_type.name}, not the {wanted.name} of CiA 301")
     yield from _check_values(name, section, data_type)
@@ -434,7 +376,8 @@ def _check_device(sections: Sections) -> Iterator[Finding]:
         stated = _integer(section.get(key.lower(), ""))
         indices = (int(name, 16) for name in sections if OBJECT.match(name))
         count = sum(first <= index < first + cia.PDO_COUNT for index in indices)
-        if stated is not None and stated != count:
+        compact = _integer(section.get("compactpdo", "")) and (stated or 0) > count
+        if stated is not None and stated != count and not compact:
             yield Finding("deviceinfo", f"{key}={stated}, but {count} are described")
 
 
@@ -504,7 +447,8 @@ _KINDS: Final = (
 )
 
 
-def _check_pdos(od: ObjectDictionary) -> Iterator[Finding]:
+def check_pdos(od: ObjectDictionary) -> Iterator[Finding]:
+    """Yield what is wrong with the PDOs that a device has by default, by CiA 301."""
     used: dict[int, str] = {}
     synchronous = False
     for kind, communication, mapping in _KINDS:
@@ -513,7 +457,7 @@ def _check_pdos(od: ObjectDictionary) -> Iterator[Finding]:
             if index in od.objects:
                 yield from _check_communication(od, kind, index, used)
                 transmission = od.number(index, cia.PDO_TRANSMISSION)
-                synchronous |= transmission <= cia.CYCLIC_LAST
+                synchronous |= transmission <= cia.CYCLIC_LAST and od.number(mapped) > 0
                 if mapped not in od.objects:
                     yield Finding(f"{index:04x}", f"there is no mapping {mapped:04X}h")
             if mapped in od.objects:
@@ -553,6 +497,8 @@ def _check_communication(
 def _check_mapping(od: ObjectDictionary, kind: str, mapped: int) -> Iterator[Finding]:
     count = od.number(mapped)
     if count in _MULTIPLEXED:
+        text = f"maps {count:X}h, so it is a multiplexed PDO: each frame names its object"
+        yield Finding(f"{mapped:04x}sub0", text, error=False)
         return
     if count > _MOST_ENTRIES:
         yield Finding(f"{mapped:04x}sub0", f"maps {count} objects, more than {_MOST_ENTRIES}")
@@ -648,14 +594,14 @@ def _findings(text: str, file_name: str) -> Iterator[Finding]:
         failed |= finding.error
         yield finding
     try:
-        od = load_eds(text, 1)
+        od = load_eds(text, node_id_of(sections) or 1)
     except EDSError as error:
         # An earlier finding already shows why it cannot be loaded; otherwise report the error
         # itself.
         if not failed:
             yield Finding("", str(error))
         return
-    yield from _check_pdos(od)
+    yield from check_pdos(od)
     yield from _check_services(od)
 
 

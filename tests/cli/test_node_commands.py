@@ -10,7 +10,7 @@ from rich_eds import RICH_EDS
 from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.cli import nodes
 from smarttac_can.cli.nodes import Pace, StateLines, read_finger
-from smarttac_can.cli.shared import BusChoice
+from smarttac_can.cli.shared import BusChoice, own_node_id
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.storage import Memory
 from smarttac_can.host.bus import QueueFullError
@@ -213,6 +213,28 @@ def test_a_node_has_the_id_and_the_recorded_finger_of_its_options(
 def test_unconfigured_and_a_node_id_contradict_each_other(command):
     line = refusal(*command, "--unconfigured", "--node-id", "5", code=2)
     assert "--unconfigured has no --node-id, but 5 is given" in line
+
+
+def test_a_dcf_is_no_device_without_a_node_id(tmp_path: Path) -> None:
+    file = tmp_path / "rich-12.dcf"
+    made = ("--node-id", "12", "--bitrate", "500000", "--output", file)
+    succeed("eds", "dcf", RICH_EDS, *made)
+    told = f"{file} is the DCF of node 12: give its EDS"
+    assert told in refusal("device", *VIRTUAL, "--unconfigured", "--eds", file, code=2)
+
+
+def test_a_device_of_a_dcf_is_its_node(multicast, tmp_path):
+    """Not the one that LSS has stored, as the values of the DCF are for its node."""
+    file = tmp_path / "rich-12.dcf"
+    made = ("--node-id", "12", "--bitrate", "500000", "--output", file)
+    succeed("eds", "dcf", RICH_EDS, *made)
+    assert own_node_id(None, unconfigured=False, file=file) == 12
+    assert own_node_id(12, unconfigured=False, file=file) == 12
+    device = NodeProcess("device", "--eds", str(file), *multicast_options(multicast))
+    try:
+        device.wait_for(f"device 12 ready on udp_multicast:{multicast['channel']}")
+    finally:
+        device.end()
 
 
 def test_lss_gives_the_node_id_and_storage_keeps_it(multicast, tmp_path):

@@ -278,12 +278,12 @@ def test_a_file_with_more_than_1000_odd_lines_is_none() -> None:
 def test_the_sub_indices_of_a_device_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     """CompactSubObj makes 254 of them in a line, beside the one that counts them."""
     assert module.MAX_ENTRIES == 32_768, "which take seconds"
-    monkeypatch.setattr(module, "MAX_ENTRIES", 510)
+    monkeypatch.setattr(module, "MAX_ENTRIES", 513)
     array = ("ParameterName=X", "ObjectType=8", "DataType=5", "AccessType=ro")
     lines = [f"[{0x3000 + i:X}]\n" + "\n".join((*array, "CompactSubObj=254")) for i in range(2)]
     lines += ["[4000]", *array]
-    assert sum(1 for _ in load_eds(eds(*lines, "CompactSubObj=2"), 1)) == 510 + 3
-    with pytest.raises(EDSError, match="there are more than 510 sub-indices"):
+    assert sum(1 for _ in load_eds(eds(*lines, "CompactSubObj=2"), 1)) == 513
+    with pytest.raises(EDSError, match="there are more than 513 sub-indices"):
         load_eds(eds(*lines, "CompactSubObj=3"), 1)
 
 
@@ -305,7 +305,7 @@ def test_the_sub_indices_of_a_device_are_bounded(monkeypatch: pytest.MonkeyPatch
         (["ParameterName=" + "n" * 242], "ParameterName is longer than 241 characters"),
         (
             ["ObjectType=8", "CompactSubObj=1", "[2000Name]", "1=" + "n" * 242],
-            r"\[2000name\] 1 is longer than 241 characters",
+            r"\[2000sub1\] ParameterName is longer than 241 characters",
         ),
         (["DefaultValue=\x1b"], r"line 8: '\\x1b' is a control character"),
         (["[20\x9b]"], r"line 8: '\\x9b' is a control character"),
