@@ -54,7 +54,6 @@ from smarttac_can.od.cia import (
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.meanings import SIMULATION
-from smarttac_can.vocabulary.states import Mode
 
 GRACE_S: Final = 1.0
 """Time in s that a run in real time may take beyond its cycles."""
@@ -390,7 +389,7 @@ class CanLink:
         presence, self._heartbeat = self._heartbeat, None
         if presence is not None and presence.begun:
             with suppress(BenchError):
-                presence.end(self._at_rest())
+                presence.end()
         # After closing, python-canopen raises the error that ended its receiving.
         with suppress(can.CanError):
             self._network.disconnect()
@@ -402,12 +401,6 @@ class CanLink:
         none = all(pdo.received is None for pdo in self._pdos)
         if none and (wrong_time := self.wrong_time()):
             raise NotRunningError(wrong_time)
-
-    def _at_rest(self) -> bool:
-        try:
-            return bool(self.read("Mode") == Mode.OFF)
-        except BenchError:
-            return False
 
     def _owner(self, name: str) -> RemoteDevice:
         simulated = name.partition(".")[0] in SIMULATION

@@ -330,16 +330,19 @@ class BenchHeartbeat:
         if not self.begun:
             self._thread.start()
 
-    def end(self, at_rest: bool) -> None:
-        """Remove the consumer entry if the stimulator is at rest, then end the heartbeat.
+    def end(self) -> None:
+        """Remove the consumer entry, then end the heartbeat.
 
-        Otherwise the entry remains, and the stimulator stops when it misses the heartbeat.
+        Raises
+        ------
+        BenchError
+            If the entry remains, which a stimulator refuses to remove while it is armed. It goes to
+            0 V when it misses the heartbeat.
         """
         try:
-            if at_rest:
-                for entry, value in self._watches().items():
-                    if value == self._watch:
-                        self._stimulator.write(entry, 0)
+            for entry, value in self._watches().items():
+                if value == self._watch:
+                    self._stimulator.write(entry, 0)
         finally:
             self._over.set()
             self._thread.join()

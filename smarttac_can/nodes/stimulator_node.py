@@ -114,11 +114,6 @@ class Commander:
         self._resting.clear()
         self._observe(Watchdog.HEARTBEAT, False)
 
-    def leave(self) -> None:
-        """Follow NMT out of OPERATIONAL: the deadlines restart with the first PDO."""
-        self._late.clear()
-        self._observe(Watchdog.SETPOINT, False)
-
     def consumer_changed(self, before: int, after: int) -> None:
         """Apply a write to the heartbeat consumer: another node is a new one."""
         node_id = supervised_node(before)
@@ -436,7 +431,6 @@ class StimulatorNode(DeviceNode):
         else:
             block.leave()
             self._loop.leave()
-            self._commander.leave()
         if state in _RESETS:
             self._commander.restart()
             self._loop.source.forget()

@@ -191,6 +191,22 @@ def test_a_bench_that_leaves_is_not_missed(virtual: dict[str, Any], node: Stimul
             assert BENCH_WATCH in watched(bench)
 
 
+def test_a_bench_that_cannot_disarm_leaves_its_heartbeat_missed(
+    virtual: dict[str, Any], node: StimulatorNode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*_: object) -> None:
+        raise BenchError("refused")
+
+    bench = connect(virtual)
+    bench.run(0.3)
+    bench.mode = "open_loop"
+    monkeypatch.setattr(bench._link, "write", refused)
+    with pytest.raises(BenchError, match="refused"):
+        bench.close()
+    until(lambda: node.block.state is State.FAULT)
+    assert node.od["Message"].value == "the heartbeat of a supervised node is lost"
+
+
 def test_a_watch_that_a_reset_has_cleared_is_set_up_by_the_next_arm(
     virtual: dict[str, Any], node: StimulatorNode
 ) -> None:

@@ -4,7 +4,8 @@ import struct
 
 import pytest
 from driven import MASTER, STATE, driven, reset_fault, write, write_entry
-from line import Line, ready_inside
+from line import PREOP as PRE_OPERATIONAL
+from line import RESET, RESET_COMMUNICATION, START, STOP, Line, ready_inside
 from one_watch import Present
 
 from smarttac_can.bench.simulation import stimulator_od
@@ -122,6 +123,21 @@ def test_setpoints_are_late_until_none_is() -> None:
     ):
         masters.late(rpdo, late)
         assert present == ({Watchdog.SETPOINT} if fault else set())
+
+
+@pytest.mark.parametrize("command", [PRE_OPERATIONAL, STOP, RESET, RESET_COMMUNICATION])
+def test_set_points_late_in_operational_are_not_so_outside(command: int) -> None:
+    line, node = ready()
+    assert line.write_entry(node, node.od.entry(0x1401, 5), 10) == 0
+    line.send(SETPOINT)
+    line.advance(11)
+    late = 1 << Watchdog.SETPOINT
+    assert node.od["Diagnosis.Present"].value & late
+    line.nmt(command)
+    assert not node.od["Diagnosis.Present"].value & late
+    line.nmt(START)
+    line.advance(100)
+    assert not node.od["Diagnosis.Present"].value & late, "the deadline begins with a set-point"
 
 
 @pytest.mark.parametrize(("other", "gone"), [(MASTER << 16 | 20, True), (2 << 16 | 30, False)])
