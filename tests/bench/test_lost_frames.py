@@ -51,6 +51,23 @@ def test_a_node_pulled_off_in_the_middle_of_a_run() -> None:
     assert syncs == 50
 
 
+def test_a_cycle_with_a_lost_tpdo_gives_no_row() -> None:
+    """TPDO 2 of the fourth cycle: the values of the third one are not those of its row."""
+    bench, _ = local_bench()
+    heard = bench._link._network.subscribers[0x2A0]  # type: ignore[attr-defined]
+    (hear,) = heard
+    cycles = 0
+
+    def lossy(*message: Any) -> None:
+        nonlocal cycles
+        cycles += 1
+        if cycles != 4:
+            hear(*message)
+
+    heard[:] = [lossy]
+    assert bench.run(0.006).tick.tolist() == [0, 1, 2, 4, 5]
+
+
 @pytest.mark.parametrize("who", [0, 1], ids=["plate", "stimulator"])
 def test_a_node_that_dies(
     who: int, virtual: dict[str, Any], monkeypatch: pytest.MonkeyPatch

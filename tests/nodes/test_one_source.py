@@ -8,6 +8,8 @@ from line import (
     EMCY_PLATE,
     EMCY_STIMULATOR,
     MEASUREMENT,
+    RESET,
+    RESET_COMMUNICATION,
     START,
     SYNC,
     Line,
@@ -164,6 +166,16 @@ def test_3_s_after_the_last_such_frame_0_v_frees_the_plate() -> None:
     assert cycle(line, plate, 0) == 0
     assert emergencies(line)[-1] == 0
     assert cycle(line, plate, 20) == 20
+
+
+@pytest.mark.parametrize("reset", [RESET, RESET_COMMUNICATION])
+def test_a_reset_forgets_what_the_plate_said_of_another(reset: int) -> None:
+    line, node = stimulator_alone()
+    line.nmt(START)
+    line.send(Frame(EMCY_PLATE, COLLISION + bytes((0x11, 0, 0, 0, 0, 0))))
+    assert node.od["Diagnosis.Present"].value & DOUBLE
+    line.nmt(reset)
+    assert not node.od["Diagnosis.Present"].value & DOUBLE
 
 
 def test_two_stimulators_of_one_node_id_cannot_drive() -> None:

@@ -119,6 +119,14 @@ def test_a_pause_within_the_deadline_is_no_drift() -> None:
     assert not watch.tripped
 
 
+def test_a_sync_that_is_lost_at_times_is_no_drift() -> None:
+    """Two of 40 are missing: lost, and more than 1 % of a second."""
+    watch = Watch()
+    watch.hear(2500, [1, 0, 0, *[1] * 37])
+    watch.clock.advance(3000)
+    assert watch.tripped == {Watchdog.SYNC_LOST}
+
+
 @pytest.mark.parametrize(
     ("counters", "jumps"),
     [
