@@ -9,6 +9,7 @@ from zlib import crc32
 
 import pytest
 
+from smarttac_can.host import frame_log
 from smarttac_can.host.frame_log import MARK, MARK_END, RECORD, FrameLog, FrameLogReader
 
 HEAD = {"version": "0", "nodes": [1, 2]}
@@ -44,6 +45,34 @@ def test_time_never_goes_back(log: Path) -> None:
     times = records["time_ns"].tolist()
     assert times == sorted(times)
     assert abs(times[0] * 1e-9 - log.stat().st_mtime) < 60
+
+
+def test_a_system_clock_set_back_does_not_reach_the_times(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    epoch, since_boot = 1_700_000_000_000_000_000, 5_000
+    monkeypatch.setattr(frame_log, "time_ns", lambda: epoch)
+    monkeypatch.setattr(frame_log, "monotonic_ns", lambda: since_boot)
+    with FrameLog(tmp_path / "log", HEAD) as writing:
+        for later in (0, 1_000, 3_000):
+            epoch -= 3_600 * 10**9
+            since_boot = 5_000 + later
+            writing.frame(0x181, b"frame")
+            writing.mark("mark")
+    (records,) = FrameLogReader(tmp_path / "log").chunks()
+    begun = 1_700_000_000_000_000_000
+    wanted = [begun + later for later in (0, 1_000, 3_000) for _ in ("frame", "mark")]
+    assert records["time_ns"].tolist() == wanted
+
+
+@pytest.mark.parametrize("size", [9, 64, 255])
+def test_a_record_longer_than_a_frame_is_damaged(tmp_path: Path, size: int) -> None:
+    with FrameLog(tmp_path / "log", HEAD) as writing:
+        for data in (b"before", bytes(size), b"after"):
+            writing.frame(0x181, data)
+    reader = FrameLogReader(tmp_path / "log")
+    assert frames_in(reader) == [(0x181, b"before"), (0x181, b"after")]
+    assert reader.damaged == 1
 
 
 def test_a_marker_is_of_any_length(tmp_path: Path) -> None:
