@@ -237,10 +237,11 @@ class _File:
 
 
 def _open(path: Path) -> can.Listener:
-    if path.exists():
-        raise BenchError(f"{path} exists: give the raw log another name")
     try:
+        path.open("xb").close()  # python-can follows a link, and overwrites what it leads to
         return can.Logger(path)
+    except FileExistsError:
+        raise BenchError(f"{path} exists: give the raw log another name") from None
     except Exception as error:  # formats raise errors of any type
         with suppress(OSError):
             if not path.stat().st_size:

@@ -38,7 +38,7 @@ from smarttac_can.bench.recorded_frames import (
 )
 from smarttac_can.bench.textures import Texture
 from smarttac_can.bench.traces import COLUMNS, Floats, Integers, data_frame
-from smarttac_can.host.files import in_words, open_regular
+from smarttac_can.host.files import in_words, open_regular, replacing
 from smarttac_can.host.frame_log import RECORD, FrameLogReader, Records
 from smarttac_can.master.errors import BenchError
 from smarttac_can.od.dictionary import ObjectDictionary
@@ -124,7 +124,7 @@ def require_new(path: Path) -> None:
             f"{path}: a recording is an HDF5 file, whose suffix is {' or '.join(SUFFIXES)}: "
             f"name it {path.stem or 'run'}{SUFFIXES[0]}"
         )
-    if path.exists():
+    if os.path.lexists(path):
         raise BenchError(f"{path} exists: give the recording another name")
 
 
@@ -155,9 +155,8 @@ def make_recording(log: Path | str, path: Path | str) -> Summary:
         reader = FrameLogReader(log)
     except ValueError as error:
         raise BenchError(str(error)) from error
-    part = path.with_name(f"{path.name}.part")
     try:
-        with _open_part(part, path, log) as disk:
+        with replacing(path) as part, _Disk(part, path, log) as disk:
             frames = RecordedFrames(reader.head)
             try:
                 with h5py.File(disk, "w") as file:
@@ -166,21 +165,10 @@ def make_recording(log: Path | str, path: Path | str) -> Summary:
                 # The error of the disk is the cause, not what HDF5 raises after reading back.
                 disk.check()
             os.fsync(disk.fileno())
-        part.rename(path)
+            require_new(path)  # somebody may have made it meanwhile
     except (*_NOT_OF_A_RECORDING, EDSError) as error:
         raise BenchError(f"{log} cannot be understood: {error}") from error
-    finally:
-        part.unlink(missing_ok=True)
     return summary
-
-
-def _open_part(part: Path, path: Path, log: Path) -> _Disk:
-    """Open the temporary file `part`; an error names the final `path`."""
-    try:
-        return _Disk(part, path, log)
-    except OSError as error:
-        error.filename = str(path)
-        raise
 
 
 class _Disk(FileIO):
@@ -197,7 +185,7 @@ class _Disk(FileIO):
     """
 
     def __init__(self, part: Path, path: Path, log: Path) -> None:
-        super().__init__(part, "w+")
+        super().__init__(part, "x+")
         self._path = path
         self._log = log
         self._error: OSError | None = None

@@ -578,13 +578,9 @@ def _weighed(
 
 
 def _refuse_the_plan(certificate: Path, plan: Path) -> None:
-    """Refuse a certificate that would overwrite the plan, under any name, also during the work."""
-    for path in (
-        certificate,
-        certificate.resolve().with_name(f"{certificate.resolve().name}.part"),
-    ):
-        if path.exists() and path.samefile(plan):
-            raise click.UsageError(f"--certificate {certificate} is the plan: name another file")
+    """Refuse a certificate that would overwrite the plan, under any name."""
+    if certificate.exists() and certificate.samefile(plan):
+        raise click.UsageError(f"--certificate {certificate} is the plan: name another file")
 
 
 def _ask(what: str) -> None:

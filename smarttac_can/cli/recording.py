@@ -92,7 +92,7 @@ def record(
     It starts the nodes and only reads: it changes no set-point, mode or voltage, and
     Ctrl-C ends the recording, not the drive. If no cycle came, the exit code is 1.
     """
-    own = [file.with_name(file.name + suffix) for suffix in ("", ".log", ".part")]
+    own = [file.with_name(file.name + suffix) for suffix in ("", ".log")]
     refuse_own_files(own, (raw, json_file), "the recording")
     given = zip(METADATA, (subject, operator, notes), strict=True)
     metadata = {name: text for name, text in given if text is not None}

@@ -13,16 +13,15 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from io import BufferedReader, BufferedWriter, FileIO, StringIO, TextIOWrapper
 from pathlib import Path
+from secrets import token_hex
 from typing import Any, Final, TextIO
 
 from smarttac_can.host.background import Background
 
 if sys.platform == "win32":
     _FLAGS: Final = os.O_RDONLY | os.O_BINARY
-    _NEW: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_BINARY
 else:
     _FLAGS: Final = os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY
-    _NEW: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL
 
 
 def open_regular(path: Path) -> BufferedReader:
@@ -44,16 +43,47 @@ def open_regular(path: Path) -> BufferedReader:
     return file
 
 
-def create_regular(path: Path) -> BufferedWriter:
-    """Create a file for writing and replace any old one; follow no link, wait for nothing.
+_PART_BYTES: Final = 8
+"""Random bytes in the name of a new file, so that nothing has it already."""
+
+
+def part_of(path: Path) -> Path:
+    """Return a free name beside `path`, for a file that is to take its place."""
+    return path.with_name(f"{path.name}.{token_hex(_PART_BYTES)}.part")
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Yield the name of a file to create, which takes the place of `path` after the block.
+
+    Create it with mode ``x``, which follows no link, waits for no pipe and overwrites nothing. If
+    the block fails, it is removed and `path` stays as it is. Whatever else is beside `path` stays.
 
     Raises
     ------
     OSError
-        If it cannot be created, for example because it is a directory.
+        If it cannot be made, or not take the place of `path`, which is what the error names.
     """
-    path.unlink(missing_ok=True)
-    return os.fdopen(os.open(path, _NEW, 0o666), "wb")
+    part = part_of(path)
+    try:
+        yield part
+        part.replace(path)
+    except OSError as error:
+        if error.filename in (part, str(part)):
+            error.filename, error.filename2 = str(path), None
+        raise
+    finally:
+        with suppress(OSError):  # report why it could not be made, not this
+            part.unlink()
+
+
+def remove_parts(path: Path) -> None:
+    """Remove what `replacing` has left beside `path` because the power failed."""
+    name = re.compile(rf"{re.escape(path.name)}\.[0-9a-f]{{{2 * _PART_BYTES}}}\.part")
+    with suppress(OSError), os.scandir(path.parent) as entries:
+        for entry in entries:
+            if name.fullmatch(entry.name) and entry.is_file(follow_symlinks=False):
+                Path(entry.path).unlink()
 
 
 def read_bounded(path: Path, most: int) -> bytes:
@@ -180,22 +210,15 @@ def result_file(path: Path) -> Iterator[TextIO]:
         If the file cannot be written; the message names it.
     """
     if path.exists() and not path.is_file():  # such as /dev/stdout, or a pipe
-        with _opened(path, path) as file:
+        with _opened(path, path, "w") as file:
             yield file
         return
-    behind_links = path.resolve()
-    part = behind_links.with_name(f"{behind_links.name}.part")
-    try:
-        with _opened(part, path) as file:
-            yield file
-        part.replace(behind_links)
-    finally:
-        with suppress(OSError):  # report why it could not be opened, not this
-            part.unlink()
+    with replacing(path.resolve()) as part, _opened(part, path, "x") as file:
+        yield file
 
 
-def _opened(path: Path, name: Path) -> TextIO:
-    raw = _NamedFile(path, name)
+def _opened(path: Path, name: Path, mode: str) -> TextIO:
+    raw = _NamedFile(path, name, mode)
     return TextIOWrapper(BufferedWriter(raw), encoding="utf-8", newline="\n")
 
 
@@ -208,12 +231,14 @@ class _NamedFile(FileIO):
         File to write.
     name
         Name for the errors.
+    mode
+        ``w``, or ``x`` for a new file.
     """
 
-    def __init__(self, path: Path, name: Path) -> None:
+    def __init__(self, path: Path, name: Path, mode: str) -> None:
         self._named = str(name)
         try:
-            super().__init__(path, "w")
+            super().__init__(path, mode)
         except OSError as error:
             error.filename = self._named
             raise
@@ -248,7 +273,6 @@ class StorageFile:
     def __init__(self, path: Path) -> None:
         # Follow links now: replacing a link would leave its target unchanged.
         self.path = Path(os.path.realpath(path))
-        self._new = self.path.with_name(self.path.name + ".new")
 
     def read(self) -> bytes | None:
         """Return the content of the file, None if there is none.
@@ -260,40 +284,36 @@ class StorageFile:
         OSError
             If it is not a regular file, longer than `MAX_STORED_BYTES`, or cannot be read.
         """
-        with suppress(OSError):
-            self._new.unlink()
+        remove_parts(self.path)
         try:
             return read_bounded(self.path, MAX_STORED_BYTES)
         except FileNotFoundError:
             return None
 
     def require_writable(self) -> None:
-        """Create the temporary file of a write, and remove it.
+        """Create a file beside it, as a write does, and remove it.
 
         Raises
         ------
         OSError
             If it cannot be created, as on a read-only file system; the error names the file itself.
         """
+        part = part_of(self.path)
         try:
-            create_regular(self._new).close()
-            self._new.unlink()
+            part.open("xb").close()
+            part.unlink()
         except OSError as error:
             error.filename = str(self.path)
             raise
 
     def write(self, data: bytes) -> None:
-        """Replace the file as a whole; on `OSError` the old one remains.
-
-        A pipe or a link in place of the new file is neither waited for nor followed.
-        """
+        """Replace the file as a whole; on `OSError` the old one remains."""
         if len(data) > MAX_STORED_BYTES:
             raise too_large(self.path, MAX_STORED_BYTES)
-        with create_regular(self._new) as file:
+        with replacing(self.path) as part, part.open("xb") as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        self._new.replace(self.path)
         _sync_directory(self.path.parent)
 
 

@@ -340,7 +340,7 @@ def test_a_recovery_onto_a_full_disk_is_one_line(log: Path) -> None:
         f"{log} stays as it is\n"
     )
     assert not path.exists()
-    assert not path.with_name("x.h5.part").exists()
+    assert not list(path.parent.glob("*.part"))
     make_recording(log, path)
     assert len(read_recording(path)) == 3000
 
@@ -364,6 +364,23 @@ def test_a_full_disk_at_any_write_makes_no_file(
     with pytest.raises(OSError, match=r"x\.h5: No space left on device: make room, or name a"):
         make_recording(log, path)
     assert [other.name for other in log.parent.iterdir()] == [log.name]
+
+
+@pytest.mark.parametrize("kind", ["file", "link"])
+def test_a_file_that_appears_during_the_work_stays(
+    kind: str, log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, write = log.with_name("x.h5"), recording_file._write
+
+    def write_late(*arguments: Any) -> Any:
+        path.write_text("theirs") if kind == "file" else path.symlink_to("nothing")
+        return write(*arguments)
+
+    monkeypatch.setattr(recording_file, "_write", write_late)
+    with pytest.raises(BenchError, match=r"x\.h5 exists: give the recording another name"):
+        make_recording(log, path)
+    assert path.read_text() == "theirs" if kind == "file" else path.is_symlink()
+    assert {other.name for other in log.parent.iterdir()} == {log.name, "x.h5"}
 
 
 def test_what_a_full_disk_has_not_taken_is_read_back(tmp_path: Path) -> None:

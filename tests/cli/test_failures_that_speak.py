@@ -26,28 +26,23 @@ NOWHERE = ("--interface", "nonsense")
 GROUP = "239.74.163.2"
 
 
-def closed_folder(folder: Path) -> None:
-    """Make a folder in which a device could not store, whoever runs this test."""
-    (folder / "kept.new").mkdir()
-
-
-def full_disk(folder: Path) -> None:
-    closed_folder(folder)
-    (folder / "kept").write_bytes(b"")
+KEPT = "k" * 240
+"""A name beside which there is no longer one, so that whoever runs this test could not store."""
 
 
 @pytest.mark.parametrize("command", ["node", "plate"])
-@pytest.mark.parametrize("make", [closed_folder, full_disk])
+@pytest.mark.parametrize("old", [None, b""])
 def test_storage_that_cannot_be_written_is_no_start(
-    command: str, make: Callable[[Path], None], tmp_path: Path
+    command: str, old: bytes | None, tmp_path: Path
 ) -> None:
-    make(tmp_path)
+    if old is not None:
+        (tmp_path / KEPT).write_bytes(old)
     before = set(tmp_path.iterdir())
-    result = run(command, *NOWHERE, "--storage", tmp_path / "kept")
+    result = run(command, *NOWHERE, "--storage", tmp_path / KEPT)
     assert (result.exit_code, result.stdout) == (2, ""), "it has not started"
     last = result.stderr.splitlines()[-1]
     assert last.startswith(
-        f"Error: Invalid value for '--storage': {tmp_path / 'kept'} cannot be written ("
+        f"Error: Invalid value for '--storage': {tmp_path / KEPT} cannot be written ("
     )
     assert last.endswith(
         "), so that neither parameters nor faults would be kept: name a file in a folder that can "
@@ -64,10 +59,10 @@ def test_storage_in_a_folder_that_is_not_there_is_named(tmp_path: Path) -> None:
 def test_a_file_system_that_is_read_only_is_named(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    def refuse(path: Path) -> None:
+    def refuse(path: Path, mode: str) -> None:
         raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(path))
 
-    monkeypatch.setattr("smarttac_can.host.files.create_regular", refuse)
+    monkeypatch.setattr(Path, "open", refuse)
     line = refusal("node", *NOWHERE, "--storage", tmp_path / "kept", code=2)
     assert "kept cannot be written (Read-only file system), so that neither" in line
 

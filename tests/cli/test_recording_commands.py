@@ -191,7 +191,7 @@ def test_refusals(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("option", ["--json", "--raw"])
-@pytest.mark.parametrize("suffix", ["", ".log", ".part"])
+@pytest.mark.parametrize("suffix", ["", ".log"])
 def test_one_file_twice_is_refused(tmp_path: Path, option: str, suffix: str) -> None:
     path = tmp_path / "run.h5"
     arguments = ("record", path, option, f"{path}{suffix}", "--interface", "virtual")

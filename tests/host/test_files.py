@@ -6,6 +6,7 @@ import gc
 import os
 import resource
 import signal
+import stat
 import sys
 import threading
 import time
@@ -19,6 +20,7 @@ from nodes_on_a_bus import GUARD_S, until
 from read_once import read_once
 from rich_eds import RICH
 
+from smarttac_can.bench import Stimulator
 from smarttac_can.cli.nodes import read_finger
 from smarttac_can.device.device import Device
 from smarttac_can.device.frame import Frame
@@ -29,6 +31,7 @@ from smarttac_can.host.files import (
     StorageFile,
     in_words,
     open_regular,
+    part_of,
     read_bounded,
     read_eds,
     read_eds_file,
@@ -273,7 +276,7 @@ def test_a_power_cut_or_a_full_disk_while_writing_leaves_the_old_bytes(
     file = StorageFile(path)
     file.write(b"old")
     for k in range(4):
-        path.with_name("node.store.new").write_bytes(b"new"[:k])
+        part_of(path).write_bytes(b"new"[:k])
         assert StorageFile(path).read() == b"old"
         assert list(tmp_path.iterdir()) == [path]
 
@@ -284,9 +287,34 @@ def test_a_power_cut_or_a_full_disk_while_writing_leaves_the_old_bytes(
         patch.setattr(os, "fsync", full)
         with pytest.raises(OSError, match="no space left"):
             file.write(b"new")
+    assert list(tmp_path.iterdir()) == [path]
     assert file.read() == b"old"
     file.write(b"new")
     assert file.read() == b"new"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="it cannot open directories")
+def test_a_stored_file_is_synced_before_its_name_and_then_the_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, done = tmp_path / "node.store", []
+    fsync, replace = os.fsync, Path.replace
+
+    def sync(descriptor: int) -> None:
+        done.append("folder" if stat.S_ISDIR(os.fstat(descriptor).st_mode) else "file")
+        assert os.path.samestat(os.fstat(descriptor), tmp_path.stat()) == (done[-1] == "folder")
+        fsync(descriptor)
+
+    def rename(part: Path, target: Path) -> Path:
+        assert part.read_bytes() == b"new"
+        done.append("name")
+        return replace(part, target)
+
+    monkeypatch.setattr(os, "fsync", sync)
+    monkeypatch.setattr(Path, "replace", rename)
+    StorageFile(path).write(b"new")
+    assert done == ["file", "name", "folder"]
+    assert path.read_bytes() == b"new"
 
 
 def test_file_that_cannot_be_read_is_an_error_of_the_device(tmp_path: Path) -> None:
@@ -308,35 +336,102 @@ def test_a_link_stays_a_link(tmp_path: Path) -> None:
     assert list(kept.parent.iterdir()) == [kept]
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="there are no named pipes in folders")
-def test_a_pipe_in_the_place_of_the_new_file_is_not_waited_for(tmp_path: Path) -> None:
-    path = tmp_path / "node.store"
-    os.mkfifo(tmp_path / "node.store.new")
-    writing = threading.Thread(target=StorageFile(path).write, args=(b"1",), daemon=True)
-    writing.start()
-    writing.join(5.0)
-    assert not writing.is_alive()
-    assert path.read_bytes() == b"1"
-    assert not (tmp_path / "node.store.new").exists()
+def stored(path: Path) -> None:
+    StorageFile(path).require_writable()
+    StorageFile(path).read()
+    StorageFile(path).write(b"new")
 
 
-def test_a_link_in_the_place_of_the_new_file_is_not_followed(tmp_path: Path) -> None:
-    path, precious = tmp_path / "node.store", tmp_path / "precious"
+def reported(path: Path) -> None:
+    with result_file(path) as file:
+        file.write("new")
+
+
+def recorded(path: Path) -> None:
+    with Stimulator.simulate() as bench, bench.record(path):
+        bench.run(0.01)
+
+
+OTHERS = ("new", "part", "1.part", "0123456789abcde.part", "0123456789ABCDEF.part")
+"""What a user may have called a file of his beside ours, which he names NAME."""
+
+
+@pytest.mark.parametrize("make", [stored, reported, recorded])
+@pytest.mark.parametrize("kind", ["file", "link", "dangling link", "pipe", "folder"])
+def test_a_new_file_leaves_all_that_is_beside_it(
+    kind: str, make: Callable[[Path], None], tmp_path: Path
+) -> None:
+    path, precious = tmp_path / "run.h5", tmp_path / "precious"
+    precious.write_text("precious")
+    beside = [path.with_name(f"{path.name}.{other}") for other in OTHERS]
+    for other in beside:
+        match kind:
+            case "file":
+                other.write_text("precious")
+            case "link":
+                other.symlink_to(precious)
+            case "dangling link":
+                other.symlink_to(tmp_path / "nothing")
+            case "pipe":
+                os.mkfifo(other)
+            case "folder":
+                other.mkdir()
+    before = {other: (other.lstat().st_ino, other.lstat().st_mtime_ns) for other in beside}
+    making = threading.Thread(target=make, args=(path,), daemon=True)
+    making.start()
+    making.join(GUARD_S)
+    assert not making.is_alive(), "it waits for a pipe"
+    assert {o: (o.lstat().st_ino, o.lstat().st_mtime_ns) for o in beside} == before
+    assert precious.read_text() == "precious"
+    assert set(tmp_path.iterdir()) == {path, precious, *beside}
+    assert path.stat().st_size
+
+
+@pytest.mark.parametrize("kind", ["file", "link", "pipe"])
+def test_a_name_that_is_taken_meanwhile_is_not_written(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An attacker who knows the name first: it is refused, at once."""
+    path, taken, precious = (tmp_path / name for name in ("t.csv", "t.csv.0.part", "precious"))
+    precious.write_text("precious")
+    monkeypatch.setattr(files, "part_of", lambda _path: taken)
+    for make in (reported, stored):
+        match kind:
+            case "file":
+                taken.write_text("precious")
+            case "link":
+                taken.symlink_to(precious)
+            case "pipe":
+                os.mkfifo(taken)
+        with pytest.raises(FileExistsError) as refused:
+            make(path)
+        assert refused.value.filename == str(path)
+        assert not path.exists()
+        taken.unlink(missing_ok=True)
+    assert precious.read_text() == "precious"
+
+
+def test_a_part_left_by_a_power_failure_is_removed_alone(tmp_path: Path) -> None:
+    path, precious = tmp_path / "node[1].store", tmp_path / "precious"
     precious.write_bytes(b"precious")
-    (tmp_path / "node.store.new").symlink_to(precious)
-    StorageFile(path).write(b"1")
-    assert path.read_bytes() == b"1" and not path.is_symlink()
-    assert precious.read_bytes() == b"precious"
+    part_of(path).write_bytes(b"half")
+    part_of(path).write_bytes(b"")
+    link, folder, neighbour = part_of(path), part_of(path), part_of(tmp_path / "node1.store")
+    link.symlink_to(precious)
+    folder.mkdir()
+    neighbour.write_bytes(b"half")
+    assert StorageFile(path).read() is None
+    assert set(tmp_path.iterdir()) == {precious, link, folder, neighbour}
 
 
-def test_a_directory_in_the_place_of_the_new_file_is_refused_in_one_line(tmp_path: Path) -> None:
+def test_a_file_that_cannot_take_its_place_is_named(tmp_path: Path) -> None:
     path = tmp_path / "node.store"
-    path.write_bytes(b"old")
-    (tmp_path / "node.store.new").mkdir()
-    with pytest.raises(OSError, match=r"node\.store\.new") as refusal:
+    path.mkdir()
+    with pytest.raises(OSError) as refused:
         StorageFile(path).write(b"1")
-    assert len(str(refusal.value).splitlines()) == 1
-    assert path.read_bytes() == b"old"
+    assert refused.value.filename == str(path)
+    assert refused.value.filename2 is None
+    assert list(tmp_path.iterdir()) == [path]
 
 
 # Lines that are kept in a file, by a thread, at most so often.
