@@ -16,6 +16,19 @@ pulses that are too short for the vibration to settle. Before an identification 
 unknown: the bound from above then assumes that the plate is driven at its resonance, and the bound
 from below uses the phase that the pick-up reads.
 
+A finger that lifts takes its damping away at once, and the gauges show it some cycles later. Until
+then the plate follows the voltage that it needed under the finger. The pick-up of a sound device
+sees that; a third bound keeps what a lift can **release** without the pick-up:
+
+* The *free* vibration is that of a plate without a finger under the same drives. A lift at any time
+  makes at most this vibration.
+* A falling force is extrapolated by `_FORCE_LEAD`, so that a lift is noticed within `_UNNOTICED`
+  cycles. From then on the free vibration has to stay within the limit without contact.
+* The squares of the free vibration in the cycles before that, where they are above this limit, are
+  the energy that the lift can have released. They fill a leaky bucket, which loses `_FORGOTTEN` a
+  cycle. The fuller it is, the less may be free while a finger touches. So any time of n cycles has
+  at most ``_RELEASED_MAX + n _FORGOTTEN``, however fast the finger taps.
+
 `follow` steps the bounds with a measurement, `cut_and_record` with the drive that answers it. The
 bounds assume that a drive is in force from its measurement to the next one, whatever the dead time
 is. In fact a drive may take effect anywhere in its cycle, so the comparisons with the model use the
@@ -51,6 +64,20 @@ _FORCE_UNCERTAINTY: Final = 0.05
 """Uncertainty of the normal force in N: noise, and drift since the tare."""
 _FORCE_TOLERANCE: Final = 0.1
 """Uncertainty of the normal force as a fraction of it: slope and bow of the gauges."""
+_FORCE_LEAD: Final = 3.0
+"""Cycles by which a falling force is extrapolated. Flexure and filter of the gauges delay it by 2.2
+ms; a lift is half over by then."""
+_UNNOTICED: Final = 3
+"""Most cycles in which a lift has released a vibration before it is noticed."""
+_RELEASE_MAX: Final = 8e-6
+"""Largest free vibration in m while a finger touches, however rarely it lifts."""
+_LOSS: Final = 9.85e7
+"""Energy in J that a plate of 5 g with tau = 0.944 ms loses in a cycle, over the square of its
+vibration in m2: ``m/tau (pi f0)^2 TICK``. The mass is an assumption."""
+_RELEASED_MAX: Final = 0.08 / _LOSS
+"""Largest content of the bucket in m2: 0.08 J."""
+_FORGOTTEN: Final = 8e-6 / _LOSS
+"""What the bucket loses in a cycle in m2: 8 mJ a second, so that 10 s hold 0.16 J at most."""
 _PHASE_FROM: Final = 20e-9
 """Least vibration in m at which its phase shows the detuning. The noise is 1 nm."""
 _PHASE_MIN: Final = 0.05
@@ -125,8 +152,24 @@ class InForce(NamedTuple):
     """Whether the last drive is late."""
     response: Response
     """Larger response of the drives that may be in force."""
+    free: Response
+    """Response of a plate without a finger to the last drive."""
     held: Response
     """Response of the drives that stay in force if the last drive is late."""
+
+
+class Release(NamedTuple):
+    """What lifts of a finger can have released, and what the next one may."""
+
+    free: complex
+    """Bound from above for a plate without a finger, whatever the gauges read, in m."""
+    unnoticed: tuple[float, float]
+    """Squares in m2 of the free vibration above its limit, in the last two cycles of a touch."""
+    released: float
+    """Content of the bucket in m2."""
+    limit: float
+    """Largest free vibration in m while a finger touches: of it a lift fills the bucket to the
+    brim."""
 
 
 class Vibration(NamedTuple):
@@ -143,11 +186,14 @@ class Vibration(NamedTuple):
     damping: float
     """Least damping of plate and finger, relative to the damping of the plate."""
     touching: bool
-    """Whether a finger touched."""
+    """Whether a finger touches for certain; False as soon as it may have lifted."""
     low: float
     """Lowest frequency in Hz that the resonance may have."""
     high: float
     """Highest frequency in Hz that the resonance may have."""
+    Fn: float
+    """Measured normal force in N."""
+    release: Release
 
 
 def bound_plan(si: Callable[[str], float], *, identified: bool) -> BoundPlan:
@@ -182,12 +228,13 @@ def bound_plan(si: Callable[[str], float], *, identified: bool) -> BoundPlan:
 
 def still(plan: BoundPlan) -> Vibration:
     """Return the vibration of a plate at rest, without a finger."""
-    return Vibration(0j, 0.0, 0.0, 0.0, 1.0, False, plan.f0, plan.f0)
+    release = Release(0j, (0.0, 0.0), 0.0, plan.bare_limit)
+    return Vibration(0j, 0.0, 0.0, 0.0, 1.0, False, plan.f0, plan.f0, 0.0, release)
 
 
 _NOTHING: Final = Response(0j, 0j)
 UNDRIVEN: Final = InForce(
-    Drive(0.0, nan), 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False, _NOTHING, _NOTHING
+    Drive(0.0, nan), 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False, _NOTHING, _NOTHING, _NOTHING
 )
 """State before the first drive."""
 
@@ -216,10 +263,12 @@ def follow(
     ticks
         Ticks since the measurement before, 1 or more.
     """
-    bound, E, E_least, least, _, _, low, high = before
-    drive, _, V_most, V_least, V_most_before, V_least_before, _, _, _, response, _ = in_force
+    bound, E, E_least, least, _, _, low, high, Fn_before, _ = before
+    drive, _, V_most, V_least, V_most_before, V_least_before, _, _, _, response, _, _ = in_force
     Fn = contact.Fn if contact.Fn > 0.0 else 0.0
-    touching = contact.touching
+    falling = _FORCE_LEAD * (Fn - Fn_before) / ticks if Fn < Fn_before else 0.0
+    least_Fn = (1.0 - _FORCE_TOLERANCE) * Fn - _FORCE_UNCERTAINTY + falling
+    touching = contact.touching and least_Fn > 0.0
     decay = plan.decay**ticks
     driven = plan.gain * max(V_most, V_most_before)
     E = driven + (E - driven) * decay
@@ -229,7 +278,7 @@ def follow(
     most_contact = contact_load((1.0 + _FORCE_TOLERANCE) * Fn + _FORCE_UNCERTAINTY)
     least_contact = 0.0
     if touching:
-        least_contact = contact_load((1.0 - _FORCE_TOLERANCE) * Fn - _FORCE_UNCERTAINTY)
+        least_contact = contact_load(least_Fn)
     damping = 1.0 + MOST_LOAD * most_contact
     voltage = min(V_least, V_least_before)
     driven = 0.0
@@ -256,8 +305,31 @@ def follow(
             touching,
             f0 - _RESONANCE_UNCERTAINTY - max(plan.softest, 0.0),
             f0 - min(plan.softest, 0.0) + _RESONANCE_UNCERTAINTY + MOST_STIFFENING * most_contact,
+            Fn,
+            _released(plan, before.release, in_force, touching, ticks),
         ),
     )
+
+
+def _released(
+    plan: BoundPlan, before: Release, in_force: InForce, touching: bool, ticks: int
+) -> Release:
+    """Return what lifts can have released; the arguments are those of `follow`."""
+    free, unnoticed, released, _ = before
+    left, per_volt = in_force.free
+    for _ in range(ticks):
+        free = left * free + per_volt * in_force.most
+    above = free.real * free.real + free.imag * free.imag
+    above = ticks * above if above > plan.bare_limit * plan.bare_limit * ROUNDING else 0.0
+    if touching:
+        unnoticed = (above, unnoticed[0])
+    else:
+        released += above + unnoticed[0] + unnoticed[1]
+        unnoticed = (0.0, 0.0)
+    released = max(released - ticks * _FORGOTTEN, 0.0)
+    room = max(_RELEASED_MAX - released, 0.0)
+    limit = max(plan.bare_limit, min(sqrt(room / _UNNOTICED), _RELEASE_MAX))
+    return tuple.__new__(Release, (free, unnoticed, released, limit))
 
 
 def cut_and_record(
@@ -283,36 +355,47 @@ def cut_and_record(
     -------
     tuple
         State of the drives in force until the next measurement, and the drive to send.
+
+    Notes
+    -----
+    Without contact the limit is at most 3.27 um, the end of the pick-up's range. While a finger
+    touches it is ``Limit.Amplitude by drive``, as a finger may damp more than the bound assumes,
+    and the free vibration has the limit of what a lift may release.
     """
-    response = response_at(plan, vibration, drive.frequency)
-    drive = cut(plan, vibration, response, drive)
-    return with_drive(in_force, drive, response, late), drive
+    response = free = response_at(plan, vibration, drive.frequency, vibration.damping)
+    limit = plan.bare_limit
+    if vibration.touching:
+        limit = plan.limit
+        free = response_at(plan, vibration, drive.frequency, 1.0)
+        drive = cut(free, vibration.release.free, vibration.release.limit, drive)
+    drive = cut(response, vibration.most, limit, drive)
+    return with_drive(in_force, drive, response, free, late), drive
 
 
-def response_at(plan: BoundPlan, vibration: Vibration, frequency: float) -> Response:
-    """Return the response of the bound from above to one tick at a frequency in Hz."""
+def response_at(
+    plan: BoundPlan, vibration: Vibration, frequency: float, damping: float
+) -> Response:
+    """Return the response of a bound from above to one tick at a frequency in Hz.
+
+    The damping is relative to that of the plate.
+    """
     off = 0.0
     if plan.identified:
         if frequency < vibration.low:
             off = vibration.low - frequency
         elif frequency > vibration.high:
             off = vibration.high - frequency
-    turn = complex(-vibration.damping / plan.believed_tau, _TWO_PI * off)
+    turn = complex(-damping / plan.believed_tau, _TWO_PI * off)
     left = exp_j(turn * TICK)
     per_volt = plan.most_gain / plan.believed_tau * (left - 1.0) / turn
     return tuple.__new__(Response, (left, per_volt))
 
 
-def cut(plan: BoundPlan, vibration: Vibration, response: Response, drive: Drive) -> Drive:
-    """Return a drive with its voltage cut so that the bound from above stays within its limit.
-
-    Without contact the limit is at most 3.27 um, the end of the pick-up's range. While a finger
-    touches it is ``Limit.Amplitude by drive``, as a finger may damp more than the bound assumes.
-    """
+def cut(response: Response, vibration: complex, limit: float, drive: Drive) -> Drive:
+    """Return a drive with its voltage cut so that a vibration in m stays within a limit in m."""
     V, f = drive
     left, per_volt = response
-    limit = plan.limit if vibration.touching else plan.bare_limit
-    free = left * vibration.most
+    free = left * vibration
     W = free + per_volt * V
     if W.real * W.real + W.imag * W.imag <= limit * limit:
         return drive
@@ -325,9 +408,11 @@ def cut(plan: BoundPlan, vibration: Vibration, response: Response, drive: Drive)
     return Drive((sqrt(half * half - square * over) - half) / square, f)
 
 
-def with_drive(in_force: InForce, drive: Drive, response: Response, late: bool) -> InForce:
+def with_drive(
+    in_force: InForce, drive: Drive, response: Response, free: Response, late: bool
+) -> InForce:
     """Return the drives that may be in force until the next measurement, after a drive was sent."""
-    was, turning, most, least, _, _, held_most, held_least, was_late, _, held = in_force
+    was, turning, most, least, _, _, held_most, held_least, was_late, _, _, held = in_force
     V = drive.voltage
     turning = turning - 1 if turning > 0 else 0
     if abs(drive.frequency - was.frequency) > _HOP:
@@ -342,7 +427,8 @@ def with_drive(in_force: InForce, drive: Drive, response: Response, late: bool) 
     return tuple.__new__(
         InForce,
         (
-            drive, turning, V_most, V_least, most, least, held_most, held_least, late, larger, held,
+            drive, turning, V_most, V_least, most, least, held_most, held_least, late, larger,
+            free, held,
         ),
     )  # fmt: skip
 

@@ -9,7 +9,14 @@ from smarttac_can.control.cascade import Cascade
 from smarttac_can.nodes.bounds import UNDRIVEN, InForce, cut_and_record
 from smarttac_can.nodes.process_image import Measured
 from smarttac_can.nodes.states import Event, Guard, StateMachine
-from smarttac_can.nodes.watches import Seen, WatchPlan, WatchState, at_rest, watch_step
+from smarttac_can.nodes.watches import (
+    Seen,
+    WatchPlan,
+    WatchState,
+    at_rest,
+    beyond_range,
+    watch_step,
+)
 from smarttac_can.od.cia import Abort, AbortCode
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
@@ -267,7 +274,7 @@ class Supervisor:
         self.watch, faults = watch_step(plan, self.watch, tuple.__new__(Seen, seen))
         self.live = True
         self.observe(faults, CYCLIC)
-        if self.machine.state is not _RUNNING:
+        if self.machine.state is not _RUNNING or beyond_range(plan, measured.si, mode):
             asked = Drive(0.0, self._safe_frequency(asked.frequency))
         self.in_force, drive = cut_and_record(
             plan.bound, self.watch.vibration, self.in_force, asked, late

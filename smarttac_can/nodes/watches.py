@@ -32,7 +32,13 @@ from smarttac_can.nodes.bounds import (
 )
 from smarttac_can.nodes.plate_block import TICK_MASK
 from smarttac_can.nodes.process_image import SENSORS, Measured
-from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS, Contact, Drive
+from smarttac_can.vocabulary.signals import (
+    PICKUP_SATURATED,
+    SHORT_DEADLINE_MS,
+    Contact,
+    Drive,
+    Measurement,
+)
 from smarttac_can.vocabulary.states import Mode
 from smarttac_can.vocabulary.watchdogs import (
     FORGOTTEN,
@@ -83,6 +89,7 @@ _ELSEWHERE: Final = [
 """For each mode: the bits of the counts that do not apply in it."""
 _AMPLITUDE: Final = 1 << _PLACES["amplitude"]
 _SATURATED: Final = 1 << _PLACES["saturated"]
+_AT_ITS_END: Final = 1 << _PLACES["pick-up at its end"]
 _GAUGES: Final = 1 << _PLACES["gauges"]
 _EXCESSIVE: Final = 1 << _PLACES["excess"]
 _SILENT: Final = 1 << _PLACES["silent"]
@@ -251,7 +258,10 @@ def watch_step(plan: WatchPlan, before: WatchState, seen: Seen) -> tuple[WatchSt
     faults = _at_once(plan, seen, rests)
     faulty = _of_vibration(plan, vibration, W, amplitude, mode)
     if saturation:
-        faulty |= _SATURATED
+        if saturation & ~PICKUP_SATURATED or mode == _IDENTIFY:
+            faulty |= _SATURATED
+        if saturation & PICKUP_SATURATED:
+            faulty |= _AT_ITS_END
     cleared = _ELSEWHERE[mode]
     held = cleared | _undecided(vibration, in_force, amplitude, mode)
     if tared:
@@ -270,6 +280,18 @@ def watch_step(plan: WatchPlan, before: WatchState, seen: Seen) -> tuple[WatchSt
         faults |= tripped if tared else tripped & ~_CONTRADICTED
     state = (measured.tick, vibration, counts, rests_at, rests, zero)
     return tuple.__new__(WatchState, state), faults
+
+
+def beyond_range(plan: WatchPlan, measurement: Measurement, mode: int) -> bool:
+    """Return whether the pick-up reads so much that the plate gets 0 V in this cycle.
+
+    A finger that lifts takes its damping away before the loops can follow. At 0 V the plate falls
+    by two thirds a cycle, so that a sound one is within the range again before a count is full. An
+    identification has no finger: there it is a fault.
+    """
+    if mode == _IDENTIFY:
+        return False
+    return bool(measurement.saturated & PICKUP_SATURATED) or abs(measurement.W) > plan.W_trip
 
 
 def levels(

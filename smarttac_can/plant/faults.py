@@ -10,7 +10,6 @@ from numpy.random import default_rng
 
 from smarttac_can.plant.finger import Finger, FingerState
 from smarttac_can.plant.parameters import PlateParameters, SensorParameters, require
-from smarttac_can.plant.sensors import PICKUP_SATURATED
 from smarttac_can.vocabulary.faults import (
     GAUGES,
     PICKUP,
@@ -20,7 +19,7 @@ from smarttac_can.vocabulary.faults import (
     FaultKind,
     value_range,
 )
-from smarttac_can.vocabulary.signals import Measurement
+from smarttac_can.vocabulary.signals import PICKUP_SATURATED, Measurement
 
 _FAULT_STREAM: Final = 0x46
 _PICKUPS: Final = (PICKUP_D, PICKUP_Q, PICKUP)

@@ -11,7 +11,7 @@ from numpy.random import default_rng  # imported here, as an import during a run
 from numpy.typing import NDArray
 
 from smarttac_can.plant.parameters import SensorParameters, require
-from smarttac_can.vocabulary.signals import MeasurementFields
+from smarttac_can.vocabulary.signals import PICKUP_SATURATED, MeasurementFields
 
 NOISE_BLOCK = 256
 """Number of ticks whose noise comes from one generator."""
@@ -21,7 +21,6 @@ _DRAW = 16
 """Number of ticks drawn at once; drawing a whole block would make its first cycle late."""
 _NOISE_STREAM = 0x4E
 _SERIAL_STREAM = 0x53
-PICKUP_SATURATED = 1 << 6
 
 
 class Gauge(NamedTuple):

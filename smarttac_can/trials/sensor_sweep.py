@@ -33,10 +33,9 @@ from smarttac_can.plant.faults import SOUND
 from smarttac_can.plant.finger import FingerState, smooth
 from smarttac_can.plant.parameters import PlateParameters, ResonatorParameters, SensorParameters
 from smarttac_can.plant.plate import Plate
-from smarttac_can.plant.sensors import PICKUP_SATURATED
 from smarttac_can.plant.subjects import SUBJECTS, Subject
 from smarttac_can.vocabulary.meanings import AUTO_ZERO, START_RUN, ZERO
-from smarttac_can.vocabulary.signals import TARE_SAMPLES, TICK, Measurement
+from smarttac_can.vocabulary.signals import PICKUP_SATURATED, TARE_SAMPLES, TICK, Measurement
 from smarttac_can.vocabulary.states import Control, Law, Mode, State, Status, VibrationLaw
 from smarttac_can.vocabulary.textures import Axis, TextureTable
 from smarttac_can.vocabulary.watchdogs import watchdogs_in

@@ -34,6 +34,8 @@ class Measurement(NamedTuple):
     """Bit mask of sensors at the end of their range: bits 0..5 for S1..S6, 6 for the pick-up."""
 
 
+PICKUP_SATURATED: Final = 1 << 6
+"""Bit of the pick-up in `Measurement.saturated`."""
 MeasurementFields = tuple[complex, tuple[float, float, float, float, float, float], float, int]
 """Fields of a `Measurement`, as compiled steps pass plain tuples."""
 

@@ -26,6 +26,7 @@ STUCK_THERMOMETER_CYCLES: Final = 100
 """Equal samples of the thermometer in a row that are a fault. With noise of half a count, 0.68 of
 the samples are equal; 1e-10 false alarms an hour."""
 SATURATED_CYCLES: Final = 2
+PICKUP_END_CYCLES: Final = 6
 AMPLITUDE_CYCLES: Final = 5
 GAUGE_CYCLES: Final = 5
 EXCESS_CYCLES: Final = 3
@@ -287,11 +288,16 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
     Watchdog.SATURATED: WatchdogRow(
         "a sensor is at the end of its range",
         FaultCode.SENSOR_SATURATED, _MANUFACTURER, SATURATED_CYCLES,
-        "a single sample may be a disturbance",
+        "a single sample may be a disturbance; pick-up: 6 cycles, as a finger that lifts lets the "
+        "plate overshoot. The voltage is 0 V in each of them, and a plate at 0 V falls by two "
+        "thirds a cycle",
         Way.SLOWLY,
         remedy="press less; without a finger, check the sensors and their cables",
         looks_at="the bits of sensors at their end",
-        counts=(Count("saturated", Way.SLOWLY, SATURATED_CYCLES),),
+        counts=(
+            Count("saturated", Way.SLOWLY, SATURATED_CYCLES),
+            Count("pick-up at its end", Way.SLOWLY, PICKUP_END_CYCLES, waits=True),
+        ),
     ),
     Watchdog.STUCK: WatchdogRow(
         "a sensor is stuck",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from smarttac_can.bench.simulation import stimulator_od
 from smarttac_can.nodes.bounds import (
     UNDRIVEN,
-    cut,
+    cut_and_record,
     response_at,
     with_drive,
 )
@@ -58,14 +58,15 @@ class Watch:
 
     def allowed(self, drive: Drive) -> Drive:
         """Return a drive as it is cut."""
-        bound, vibration = self.plan.bound, self.state.vibration
-        return cut(bound, vibration, response_at(bound, vibration, drive.frequency), drive)
+        vibration = self.state.vibration
+        return cut_and_record(self.plan.bound, vibration, self.in_force, drive, late=False)[1]
 
     def drive(self, volts: float, hertz: float = RESONANCE_HZ, *, late: bool = False) -> None:
         """Have a drive go out as it is."""
         bound, vibration = self.plan.bound, self.state.vibration
-        response = response_at(bound, vibration, hertz)
-        self.in_force = with_drive(self.in_force, Drive(volts, hertz), response, late)
+        response = response_at(bound, vibration, hertz, vibration.damping)
+        free = response_at(bound, vibration, hertz, 1.0)
+        self.in_force = with_drive(self.in_force, Drive(volts, hertz), response, free, late)
 
     def look(
         self,

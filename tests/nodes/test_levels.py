@@ -55,6 +55,12 @@ def no_setpoints(rig: Rig) -> None:
     rig.each_cycle.clear()
 
 
+def reads_more_at_rest(rig: Rig) -> None:
+    """Have the pick-up read 150 nm at 0 V, above the limit, and below what contradicts 0 V."""
+    limit_amplitude(100)(rig)
+    rig.inject(FaultKind.OFFSET, PICKUP_D, 150)
+
+
 def broken(kind: FaultKind, sensor: int = 1, value: int = 0) -> Callable[[Rig], None]:
     return lambda rig: rig.inject(kind, sensor, value)
 
@@ -67,8 +73,8 @@ def broken(kind: FaultKind, sensor: int = 1, value: int = 0) -> Callable[[Rig], 
         (Watchdog.MEASUREMENT, LOSE_MEASUREMENTS, 2 / 3, 1.0),
         (Watchdog.SETPOINT, no_setpoints, 2 / 5, 1.0),
         (Watchdog.SYNC_LOST, no_sync, 2 / 3, 1.0),
-        (Watchdog.AMPLITUDE, limit_amplitude(100), 1 / 5, 4 / 5),
-        (Watchdog.SATURATED, broken(FaultKind.SATURATED, PICKUP_Q), 1 / 2, 1 / 2),
+        (Watchdog.AMPLITUDE, reads_more_at_rest, 1 / 5, 4 / 5),
+        (Watchdog.SATURATED, broken(FaultKind.SATURATED, 4), 1 / 2, 1 / 2),
         (Watchdog.STUCK, broken(FaultKind.STUCK, 1), None, 23 / 24),
         (Watchdog.GAUGES, broken(FaultKind.OFFSET, 3, 600), 1 / 5, 4 / 5),
         (Watchdog.PICKUP, broken(FaultKind.GAIN, PICKUP_D, 300), None, 19 / 20),

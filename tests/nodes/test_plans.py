@@ -324,7 +324,7 @@ def test_another_deadline_is_in_force_at_once_and_gone_with_a_reset() -> None:
         assert write_entry(rig, rig.od.entry(index, 5), 20) == 0
     after = rig.stimulator.block.supervisor.plan
     late = [count - was for count, was in zip(after.full, before.full, strict=True)]
-    assert late == [0, 0, 0, 17 * 20, 17, 17 * 20, 0, 17 * 20]
+    assert late == [0, 0, 17 * 20, 0, 17 * 20, 17, 17 * 20, 0, 17 * 20]
     assert after._replace(full=before.full) == before
     rig.cycle(3)
     assert rig.stimulator.block.supervisor.plan == after

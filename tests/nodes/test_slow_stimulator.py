@@ -158,10 +158,10 @@ def test_a_voltage_that_is_not_taken_back_in_time_is_told_with_its_cause() -> No
         if not loop.running:
             break
     cause, _, late = loop.message.partition("; ")
-    assert cause == END_OF_RANGE
+    assert cause == ABOVE_LIMIT
     assert late.endswith("of the last 20 drives late")
     newest = loop.node.od["Fault memory.Fault 1"].value
-    assert newest.startswith(f"5210h {loop.message}; mode friction, "), newest
+    assert newest.startswith(f"FF10h {loop.message}; mode friction, "), newest
 
 
 @pytest.mark.parametrize("period", [2, 3])

@@ -15,7 +15,7 @@ from smarttac_can.nodes.bounds import InForce
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.nodes.supervisor import Supervisor
 from smarttac_can.od.cia import Abort
-from smarttac_can.vocabulary.signals import Drive
+from smarttac_can.vocabulary.signals import Drive, Measurement
 from smarttac_can.vocabulary.states import Mode, State
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 
@@ -32,6 +32,7 @@ class Loop:
 
     def __init__(self, state: State = State.READY) -> None:
         self.od = stimulator_od()
+        self.reads, self.saturated = 0j, 0
         plan = plan_of(self.od)._replace(f_min=LOWEST, f_max=HIGHEST)
         self.supervisor = Supervisor(self.od, plan)
         self.supervisor.note_zero()
@@ -49,7 +50,7 @@ class Loop:
     ) -> Drive:
         """Have the watchdogs see these faults, and the bound of the vibration cut to 30 V."""
         cascade: Any = SimpleNamespace(mode=mode, contact=LIFTED, zero=UNTARED, tared=True)
-        measured: Any = None
+        measured: Any = SimpleNamespace(si=Measurement(self.reads, UNTARED, 20.0, self.saturated))
 
         def cut_and_record(
             _plan: object, _vibration: object, in_force: InForce, drive: Drive, _late: bool
@@ -110,6 +111,26 @@ def test_only_running_lets_a_voltage_out(state: State, voltage: float) -> None:
 def test_what_the_bound_of_the_vibration_cuts_goes_out_cut() -> None:
     loop = Loop(State.RUNNING)
     assert loop.cycle(asked=Drive(80.0, 43390.0)) == Drive(30.0, 43390.0)
+
+
+@pytest.mark.parametrize(
+    ("reads", "saturated", "voltage"),
+    [
+        (3.21e-6, 0, 0.0),
+        (2.3e-6 + 2.3e-6j, 0, 0.0),
+        (3.19e-6, 0, 20.0),
+        (1e-6, 0b1000000, 0.0),
+        (1e-6, 0b0111111, 20.0),
+    ],
+)
+def test_pickup_at_its_end_or_above_its_limit_gives_0_v(
+    reads: complex, saturated: int, voltage: float
+) -> None:
+    loop = Loop(State.RUNNING)
+    loop.reads, loop.saturated = reads, saturated
+    assert loop.cycle() == Drive(voltage, 43390.0)
+    assert loop.supervisor.state is State.RUNNING
+    assert loop.cycle(mode=Mode.IDENTIFY) == Drive(20.0, 43390.0), "a fault of an identification"
 
 
 def test_a_cycle_with_a_fault_lets_none_out() -> None:

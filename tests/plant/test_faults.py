@@ -11,7 +11,6 @@ from smarttac_can.plant.faults import Fault, PowerStage, broken
 from smarttac_can.plant.finger import Lifted, Stroke
 from smarttac_can.plant.parameters import PlateParameters
 from smarttac_can.plant.plate import Plate
-from smarttac_can.plant.sensors import PICKUP_SATURATED
 from smarttac_can.plant.subjects import SUBJECTS
 from smarttac_can.vocabulary.faults import (
     GAUGES,
@@ -21,7 +20,7 @@ from smarttac_can.vocabulary.faults import (
     THERMOMETER,
     FaultKind,
 )
-from smarttac_can.vocabulary.signals import Drive, Measurement
+from smarttac_can.vocabulary.signals import PICKUP_SATURATED, Drive, Measurement
 
 DRIVE = Drive(20.0, 43390.0)
 SOUND = Fault(FaultKind.NONE, 1, 0)
