@@ -1,6 +1,6 @@
 """Sweep the failures of the sensors, and sum them up in tools/fmeda.json.
 
-    python tools/fmeda.py [--fine] [--healthy N] [--seed SEED]
+    python tools/fmeda.py [--fine] [--random N] [--healthy N] [--seed SEED]
     python tools/fmeda.py --check
 
 What is run: the coarse sweep of `smarttac fmeda`, a minute of processor time, runs without a
@@ -36,6 +36,7 @@ from smarttac_can.trials.sensor_sweep import (
     fingerprint,
     grid_cells,
     parse_cell,
+    random_cells,
     run_cell,
     softened,
     summary,
@@ -59,6 +60,7 @@ _FACTORS = {
         "holding": "finger on the plate",
         "landing": "finger lands",
         "lifting": "finger lifts",
+        "tapping": "finger taps",
     },
     "mode": {},
 }
@@ -237,11 +239,14 @@ def check() -> int:
 @click.command(help=__doc__)
 @click.option("--fine", is_flag=True, help="The fine sweep as well, 40 minutes of processor time.")
 @click.option(
+    "--random", "drawn", type=click.IntRange(min=1), default=60, help="So many random cells."
+)
+@click.option(
     "--healthy", type=click.IntRange(min=1), default=100, help="So many runs without a failure."
 )
 @click.option("--seed", type=click.IntRange(min=0), default=COARSE_SEED, help="Of all of these.")
 @click.option("--check", "checks", is_flag=True, help="Write nothing.")
-def main(*, fine: bool, healthy: int, seed: int, checks: bool) -> None:
+def main(*, fine: bool, drawn: int, healthy: int, seed: int, checks: bool) -> None:
     """Write the summary; exit with 1 if a promise is broken, or the summary is stale."""
     if checks:
         sys.exit(check())
@@ -249,6 +254,7 @@ def main(*, fine: bool, healthy: int, seed: int, checks: bool) -> None:
     asked = [("coarse", COARSE_SEED, coarse)]
     if fine:
         asked.append(("fine", seed, grid_cells(seed, fine=True)))
+    asked.append(("random", seed, random_cells(drawn, seed)))
     sweeps, results = [], []
     for sweep in asked:
         said, found = swept(*sweep)
@@ -259,7 +265,8 @@ def main(*, fine: bool, healthy: int, seed: int, checks: bool) -> None:
         sweeps.append(swept(f"coarse, {each:g} Hz/um", COARSE_SEED, cells)[0])
     runs = healthy_runs(healthy, seed)
     made = {
-        "command": f"tools/fmeda.py {'--fine ' * fine}--healthy {healthy} --seed {seed}",
+        "command": f"tools/fmeda.py {'--fine ' * fine}--random {drawn} --healthy {healthy} "
+        f"--seed {seed}",
         "promise": PROMISES._asdict(),
         "sweeps": sweeps,
         "failures": summary(results),

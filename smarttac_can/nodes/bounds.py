@@ -56,6 +56,8 @@ MOST_STIFFENING: Final = 12.0
 """Largest rise of the resonance in Hz by a finger of 0.5 N, assumed; simulated are up to 8.8."""
 THERMOMETER_UNCERTAINTY: Final = 1.0
 """Uncertainty of the thermometer in K. 140 Hz off resonance, 1 K changes the vibration by 4 %."""
+_GAIN_UNCERTAINTY: Final = 0.01
+"""Uncertainty of an identified gain as a fraction of it; the bound from above adds it."""
 _F0_UNCERTAINTY: Final = 2.0
 """Uncertainty of an identified resonance in Hz."""
 _RESONANCE_UNCERTAINTY: Final = _F0_UNCERTAINTY - F0_SLOPE * THERMOMETER_UNCERTAINTY
@@ -108,8 +110,9 @@ class BoundPlan(NamedTuple):
     decay: float
     """Fraction of a vibration of the model that is left after a tick."""
     most_gain: float
-    """Gain of the bound from above in m/V: that of the model, but at least that of the data sheet
-    minus its tolerance. A written model may come from a plate whose pick-up reads too little."""
+    """Gain of the bound from above in m/V: that of the model with its uncertainty, but at least
+    that of the data sheet minus its tolerance. A written model may come from a plate whose pick-up
+    reads too little."""
     believed_tau: float
     """Time constant of the model, limited to the tolerance of the data sheet, in s."""
     f0: float
@@ -209,6 +212,7 @@ def bound_plan(si: Callable[[str], float], *, identified: bool) -> BoundPlan:
     limit = si("Limit.Amplitude by drive")
     tolerance = si("Model.Data sheet tolerance")
     gain, tau = si("Model.Gain per volt"), si("Model.Tau")
+    believed = (1.0 + _GAIN_UNCERTAINTY) * gain if identified else gain
     sheet_tau = si("Model.Data sheet tau")
     least, most = (1.0 - tolerance) * sheet_tau, (1.0 + tolerance) * sheet_tau
     return BoundPlan(
@@ -218,7 +222,7 @@ def bound_plan(si: Callable[[str], float], *, identified: bool) -> BoundPlan:
         gain=gain,
         tau=tau,
         decay=exp(-TICK / tau),
-        most_gain=max(gain, (1.0 - tolerance) * si("Model.Data sheet gain per volt")),
+        most_gain=max(believed, (1.0 - tolerance) * si("Model.Data sheet gain per volt")),
         believed_tau=min(max(tau, least), most),
         f0=si("Model.Resonance"),
         found_at=si("Model.Temperature"),

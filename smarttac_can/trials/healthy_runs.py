@@ -6,7 +6,7 @@ import random
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from math import sin
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.nodes.plate_block import PlateBlock, SimulatedPlate
@@ -52,7 +52,8 @@ class HealthyRun:
     ended_by: str
     """Watchdogs that tripped, joined by +; empty if none did."""
     cause: str
-    """Cause of the trip in the true vibration of the plate; empty for a false trip."""
+    """Cause of the trip in the true vibration of the plate; empty for a false trip, which each trip
+    of a tapping finger is."""
     after: int
     """Cycle of driving in which they tripped; -1 for none."""
     peak_um: float
@@ -91,6 +92,42 @@ class _Finger:
             Fn *= 1.0 - smooth((phase - 1.0 + self._lifted) * self._period / self._press)
             if time - begin > self._period:
                 Fn = min(Fn, self._force * smooth(phase * self._period / self._press))
+        return FingerState(self._travel * sin(self._omega * time), Fn)
+
+
+class _TappingFinger:
+    """A finger that taps, strokes with lifts, or knocks, from 0.5 to 10 times a second."""
+
+    __slots__ = ("_force", "_lift", "_omega", "_period", "_press", "_touch", "_travel")
+
+    def __init__(self, draw: random.Random) -> None:
+        self._travel = draw.uniform(5e-3, 30e-3)
+        self._omega = draw.choice((0.0, draw.uniform(0.02, 0.25))) / self._travel
+        self._period = 10.0 ** draw.uniform(-1.0, 0.3)
+        if draw.randrange(5):
+            self._force = draw.uniform(0.1, 2.0)
+            self._touch = self._period * draw.uniform(0.3, 0.95)
+            room = self._period - self._touch
+            self._lift = min(draw.choice((2e-3, 3e-3, 8e-3, draw.uniform(2e-3, 50e-3))), room)
+            self._press = min(draw.choice((5e-3, 16e-3, 30e-3)), 0.5 * self._touch)
+        else:  # a knock of 12 ms
+            self._force = draw.uniform(1.0, 4.0)
+            self._touch = self._lift = self._press = 6e-3
+
+    def __str__(self) -> str:
+        return (
+            f"{self._force:.2f} N at {1e3 * self._omega * self._travel:.0f} mm/s, "
+            f"{1.0 / self._period:.1f} taps/s of {1e3 * self._touch:.0f} ms, lifted in "
+            f"{1e3 * self._lift:.0f} ms"
+        )
+
+    def at(self, time: float) -> FingerState:
+        """Return the state at a time in s from the start of the run."""
+        begin, Fn = (_TARE_CYCLES + 20) * TICK, 0.0
+        if time > begin:
+            since = (time - begin) % self._period
+            Fn = self._force * smooth(since / self._press)
+            Fn *= 1.0 - smooth((since - self._touch) / self._lift)
         return FingerState(self._travel * sin(self._omega * time), Fn)
 
 
@@ -154,13 +191,17 @@ def _try(block: StimulatorBlock, name: str, raw: int | bytes) -> None:
 
 
 def healthy_run(seed: int) -> HealthyRun:
-    """Run without a failure for one to two seconds.
+    """Run without a failure for one to two seconds, or for four to eight with a tapping finger.
+
+    In two of five runs the finger taps, and set-points are up to 2.5 um. No such run may end by a
+    fault, whatever the plate does when the finger lifts.
 
     Parameters
     ----------
     seed
         Seed of all random draws, 0 or more.
     """
+    tapping = seed % 5 > _WILD_OF_FIVE
     draw = random.Random(seed)
     bench = _bench()
     block = bench.block
@@ -185,14 +226,15 @@ def healthy_run(seed: int) -> HealthyRun:
     ):
         block.write(name, raw)
     block.write(START_RUN, 1)
-    finger, ambient = _Finger(draw), draw.choice((20.0, draw.uniform(15.0, 30.0)))
+    finger = _TappingFinger(draw) if tapping else _Finger(draw)
+    ambient = draw.choice((20.0, draw.uniform(15.0, 30.0)))
     backend = bench.plate_block.backend
     assert isinstance(backend, SimulatedPlate)
     plate = backend.plate = Plate(
         parameters, _subject(draw), finger, seed=seed, ambient=ambient,
         dead_time=dead_time * 1e-6,
     )  # fmt: skip
-    identifies = not draw.randrange(4)
+    identifies = tapping or not draw.randrange(4)
     if identifies:
         # There is no finger during the identification.
         backend.plate = Plate(
@@ -210,7 +252,8 @@ def healthy_run(seed: int) -> HealthyRun:
         backend.plate = plate
     _tare(block)
     kind = f"{dead_time} us, {softening * 1e-6:.0f} Hz/um, window {2 * half} us"
-    return _driven(seed, draw, bench, f"{law.name} {friction.name} {kind}, {finger}")
+    what = f"{law.name} {friction.name} {kind}, {finger}"
+    return _driven(seed, draw, bench, what, _GENTLE if tapping else _WILD)
 
 
 def _tare(block: StimulatorBlock) -> None:
@@ -225,18 +268,38 @@ def _arm(block: StimulatorBlock, mode: Mode) -> None:
         block.write("Controlword", word)
 
 
-def _driven(seed: int, draw: random.Random, bench: _Bench, what: str) -> HealthyRun:
+class _Inputs(NamedTuple):
+    """Ranges of what a user asks for."""
+
+    most_um: float
+    most_volts: float
+    hops: bool
+    cycles: tuple[int, int]
+    pauses: tuple[int, ...]
+    """Cycles from one change of the set-points to the next."""
+
+
+_WILD: Final = _Inputs(3.0, 150.0, True, (1000, 2000), (3, 10, 30, 100, 400))
+_WILD_OF_FIVE: Final = 2
+"""Last remainder by 5 of the seeds of runs with wild inputs."""
+_GENTLE: Final = _Inputs(2.5, 60.0, False, (4000, 8000), (400, 1500, 9000))
+
+
+def _driven(
+    seed: int, draw: random.Random, bench: _Bench, what: str, inputs: _Inputs
+) -> HealthyRun:
     block, od, plate = bench.block, bench.od, bench.plate_block.plate
     low = od["Limit.Lowest frequency"].value
     high = od["Limit.Highest frequency"].value
     resonance = round(plate.resonance * 100.0)
     mode = draw.choices(_DRIVING, _WEIGHTS)[0]
-    hops = not draw.randrange(3)
+    hops = inputs.hops and not draw.randrange(3)
+    most = round(1000.0 * inputs.most_um)
 
     def jump() -> None:
-        um = draw.choice((0, 500, 1000, 2000, 3000, draw.randrange(3001)))
-        _try(block, "Setpoint.Amplitude", um)
-        _try(block, "Setpoint.Voltage", draw.randrange(15001))
+        nm = draw.choice((0, 500, 1000, 2000, most, draw.randrange(most + 1)))
+        _try(block, "Setpoint.Amplitude", nm)
+        _try(block, "Setpoint.Voltage", draw.randrange(round(100.0 * inputs.most_volts) + 1))
         cof = draw.choice((2000, 3000, draw.randrange(_LEAST_COF, _MOST_COF)))
         _try(block, "Setpoint.COF left", cof)
         _try(block, "Setpoint.COF right", min(cof + draw.randrange(3000), _MOST_COF))
@@ -248,8 +311,8 @@ def _driven(seed: int, draw: random.Random, bench: _Bench, what: str) -> Healthy
     jump()
     _arm(block, mode)
     modes = [mode.name]
-    cycles = draw.randrange(1000, 2001)
-    pause = draw.choice((3, 10, 30, 100, 400))
+    cycles = draw.randint(*inputs.cycles)
+    pause = draw.choice(inputs.pauses)
     trip_cause, cause = TripCause(bench), ""
     status, bit = od["Statusword"], int(Status.LIMITED)
     limited, peak, ended, after = 0, 0.0, "", -1
@@ -267,7 +330,8 @@ def _driven(seed: int, draw: random.Random, bench: _Bench, what: str) -> Healthy
         limited += bool(status.value & bit)
         if block.supervisor.latched:
             ended = "+".join(w.name for w in watchdogs_in(block.supervisor.latched))
-            cause = trip_cause.of(block.supervisor.latched) or ""
+            if inputs is _WILD:
+                cause = trip_cause.of(block.supervisor.latched) or ""
             after = cycles = cycle
             break
         if block.state is not State.RUNNING:

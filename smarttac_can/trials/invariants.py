@@ -173,7 +173,7 @@ class TripCause:
         sensors = SensorParameters()
         self._end = sensors.full_scale * sensors.pickup_resolution - _NOISE_M
         self._above: deque[int] = deque(maxlen=5)
-        self._beyond: deque[int] = deque(maxlen=2)
+        self._beyond: deque[int] = deque(maxlen=6)
 
     def look(self) -> None:
         """Check the vibration of a cycle."""

@@ -17,7 +17,7 @@ from smarttac_can.trials.fault_cases import (
     lose,
 )
 from smarttac_can.trials.rig import Rig
-from smarttac_can.vocabulary.faults import PICKUP_D, PICKUP_Q, FaultKind
+from smarttac_can.vocabulary.faults import PICKUP_D, FaultKind
 from smarttac_can.vocabulary.states import Mode, State
 from smarttac_can.vocabulary.watchdogs import COUNTED, Watchdog
 

@@ -111,11 +111,11 @@ FOLLOWS = {
     "Model.Gain per volt": "control.bare control.rows control.prior control.gain "
     "bound.identified bound.gain bound.most_gain",
     "Model.Tau": "control.bare control.rows control.prior "
-    "bound.identified bound.tau bound.decay bound.believed_tau",
-    "Model.Resonance": "control.prior bound.identified bound.f0",
-    "Model.Load": "control.rows control.prior bound.identified",
-    "Model.Temperature": "control.prior bound.identified bound.found_at",
-    "Model.Softening": "control.prior bound.identified bound.softest",
+    "bound.identified bound.tau bound.decay bound.most_gain bound.believed_tau",
+    "Model.Resonance": "control.prior bound.identified bound.most_gain bound.f0",
+    "Model.Load": "control.rows control.prior bound.identified bound.most_gain",
+    "Model.Temperature": "control.prior bound.identified bound.most_gain bound.found_at",
+    "Model.Softening": "control.prior bound.identified bound.most_gain bound.softest",
     "Model.Data sheet gain per volt": "bound.most_gain",
     "Model.Data sheet tau": "bound.believed_tau",
     "Model.Data sheet tolerance": "bound.most_gain bound.believed_tau",

@@ -127,7 +127,8 @@ def test_off_the_resonance_of_an_identified_plate_the_bound_is_lower(
     watch = identified()
     seen(watch, 60, Fn=Fn, hertz=hertz, temperature=temperature)
     damping = 1.5697 if Fn > 0.0 else 1.0
-    expected = 5.0 / damping * share_at(off, damping)
+    # An identified gain may be 1 % too low.
+    expected = 1.01 * 5.0 / damping * share_at(off, damping)
     assert bound_um(watch) == pytest.approx(expected, rel=2e-3)
 
 
@@ -217,7 +218,7 @@ def test_a_hop_to_the_resonance_has_its_voltage_cut_in_the_same_drive() -> None:
     assert driven_on(watch, far, 0.0, 30)[-1] == 150.0
     hop = driven_on(watch, near, 0.0, 30)
     assert hop[0] < 100.0
-    assert hop[-1] == pytest.approx(65.4, abs=0.01)
+    assert hop[-1] == pytest.approx(65.4 / 1.01, abs=0.01)
 
 
 def test_a_finger_that_lifts_takes_the_limit_with_it() -> None:
@@ -539,16 +540,16 @@ def test_the_bound_has_the_frequency_that_may_still_be_in_force() -> None:
         return watch
 
     resonant = bound_um(settled_at(at))
-    assert resonant == pytest.approx(3.0, abs=1e-3)
+    assert resonant == pytest.approx(3.03, abs=1e-3)
     # Far off next to nothing is left, but not while the drive at the resonance may last.
     assert hop(settled_at(at), (off, False)) < 2.5
-    assert hop(settled_at(at), (off, True)) == pytest.approx(3.0, abs=1e-3)
+    assert hop(settled_at(at), (off, True)) == pytest.approx(3.03, abs=1e-3)
     assert hop(settled_at(at), *[(off, False)] * 20) < 1.2
     assert hop(settled_at(at), *[(off, True)] * 20) == pytest.approx(resonant, abs=1e-3)
-    assert hop(settled_at(at), *[(off, True)] * 20, (off, False)) == pytest.approx(3.0, abs=1e-3)
+    assert hop(settled_at(at), *[(off, True)] * 20, (off, False)) == pytest.approx(3.03, abs=1e-3)
     assert hop(settled_at(at), *[(off, True)] * 20, *[(off, False)] * 20) < 1.2
     # What lasts off the resonance does not lower the bound of what comes at it.
-    assert hop(settled_at(off), *[(at, True)] * 20) == pytest.approx(3.0, abs=1e-3)
+    assert hop(settled_at(off), *[(at, True)] * 20) == pytest.approx(3.03, abs=1e-3)
 
 
 def test_before_the_first_drive_the_plate_is_at_rest() -> None:
