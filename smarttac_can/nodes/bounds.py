@@ -28,6 +28,8 @@ sees that; a third bound keeps what a lift can **release** without the pick-up:
   the energy that the lift can have released. They fill a leaky bucket, which loses `_FORGOTTEN` a
   cycle. The fuller it is, the less may be free while a finger touches. So any time of n cycles has
   at most ``_RELEASED_MAX + n _FORGOTTEN``, however fast the finger taps.
+* After a reading beyond the range of the pick-up, the limit of the free vibration is that without
+  contact for a while.
 
 `follow` steps the bounds with a measurement, `cut_and_record` with the drive that answers it. The
 bounds assume that a drive is in force from its measurement to the next one, whatever the dead time
@@ -46,7 +48,7 @@ from typing import Final, NamedTuple
 
 from smarttac_can.nodes.hard_caps import AMPLITUDE_TRIP_MAX
 from smarttac_can.vocabulary.model import F0_SLOPE, contact_load
-from smarttac_can.vocabulary.signals import TICK, Contact, Drive, Measurement
+from smarttac_can.vocabulary.signals import PICKUP_SATURATED, TICK, Contact, Drive, Measurement
 
 LEAST_LOAD: Final = 0.40
 MOST_LOAD: Final = 1.60
@@ -71,6 +73,9 @@ _FORCE_LEAD: Final = 3.0
 ms; a lift is half over by then."""
 _UNNOTICED: Final = 3
 """Most cycles in which a lift has released a vibration before it is noticed."""
+_CALM: Final = 50
+"""Cycles after a reading beyond its range in which a finger raises no limit: the laws ask for much
+as the plate has just fallen, and may drive it beyond again."""
 _RELEASE_MAX: Final = 8e-6
 """Largest free vibration in m while a finger touches, however rarely it lifts."""
 _LOSS: Final = 9.85e7
@@ -103,6 +108,8 @@ class BoundPlan(NamedTuple):
     bare_limit: float
     """Limit of the bound from above without contact, in m peak-to-peak. At most 3.27 um, the end of
     the pick-up's range."""
+    trip: float
+    """Limit of the measured amplitude in m peak-to-peak."""
     gain: float
     """Gain of the model in m/V."""
     tau: float
@@ -170,6 +177,8 @@ class Release(NamedTuple):
     """Squares in m2 of the free vibration above its limit, in the last two cycles of a touch."""
     released: float
     """Content of the bucket in m2."""
+    calm: int
+    """Cycles for which a finger does not raise the limit."""
     limit: float
     """Largest free vibration in m while a finger touches: of it a lift fills the bucket to the
     brim."""
@@ -196,6 +205,10 @@ class Vibration(NamedTuple):
     """Highest frequency in Hz that the resonance may have."""
     Fn: float
     """Measured normal force in N."""
+    beyond: bool
+    """Whether the pick-up read more than it may, so that the plate gets 0 V in this cycle. A finger
+    that lifts takes its damping away before the loops can follow. At 0 V the plate falls by two
+    thirds a cycle, so that a sound one is within its range again before a count is full."""
     release: Release
 
 
@@ -219,6 +232,7 @@ def bound_plan(si: Callable[[str], float], *, identified: bool) -> BoundPlan:
         identified=identified,
         limit=limit,
         bare_limit=min(AMPLITUDE_TRIP_MAX, limit),
+        trip=si("Limit.Amplitude trip"),
         gain=gain,
         tau=tau,
         decay=exp(-TICK / tau),
@@ -232,8 +246,8 @@ def bound_plan(si: Callable[[str], float], *, identified: bool) -> BoundPlan:
 
 def still(plan: BoundPlan) -> Vibration:
     """Return the vibration of a plate at rest, without a finger."""
-    release = Release(0j, (0.0, 0.0), 0.0, plan.bare_limit)
-    return Vibration(0j, 0.0, 0.0, 0.0, 1.0, False, plan.f0, plan.f0, 0.0, release)
+    release = Release(0j, (0.0, 0.0), 0.0, 0, plan.bare_limit)
+    return Vibration(0j, 0.0, 0.0, 0.0, 1.0, False, plan.f0, plan.f0, 0.0, False, release)
 
 
 _NOTHING: Final = Response(0j, 0j)
@@ -260,15 +274,16 @@ def follow(
     in_force
         Drives since the measurement before.
     measurement
-        Measurement of this cycle. Its temperature is used, and only for the bound from below the
-        phase of the pick-up.
+        Measurement of this cycle. Its temperature is used; the pick-up only for the phase of the
+        bound from below, and to lower what is allowed.
     contact
         The finger in this cycle.
     ticks
         Ticks since the measurement before, 1 or more.
     """
-    bound, E, E_least, least, _, _, low, high, Fn_before, _ = before
+    bound, E, E_least, least, _, _, low, high, Fn_before, _, _ = before
     drive, _, V_most, V_least, V_most_before, V_least_before, _, _, _, response, _, _ = in_force
+    beyond = bool(measurement.saturated & PICKUP_SATURATED) or abs(measurement.W) > plan.trip
     Fn = contact.Fn if contact.Fn > 0.0 else 0.0
     falling = _FORCE_LEAD * (Fn - Fn_before) / ticks if Fn < Fn_before else 0.0
     least_Fn = (1.0 - _FORCE_TOLERANCE) * Fn - _FORCE_UNCERTAINTY + falling
@@ -310,16 +325,26 @@ def follow(
             f0 - _RESONANCE_UNCERTAINTY - max(plan.softest, 0.0),
             f0 - min(plan.softest, 0.0) + _RESONANCE_UNCERTAINTY + MOST_STIFFENING * most_contact,
             Fn,
-            _released(plan, before.release, in_force, touching, ticks),
+            beyond,
+            _released(plan, before.release, in_force, (touching, beyond), ticks),
         ),
     )
 
 
 def _released(
-    plan: BoundPlan, before: Release, in_force: InForce, touching: bool, ticks: int
+    plan: BoundPlan,
+    before: Release,
+    in_force: InForce,
+    seen: tuple[bool, bool],
+    ticks: int,
 ) -> Release:
-    """Return what lifts can have released; the arguments are those of `follow`."""
-    free, unnoticed, released, _ = before
+    """Return what lifts can have released.
+
+    ``seen`` are whether a finger touches for certain, and whether the pick-up reads too much; the
+    other arguments are those of `follow`.
+    """
+    touching, beyond = seen
+    free, unnoticed, released, calm, _ = before
     left, per_volt = in_force.free
     for _ in range(ticks):
         free = left * free + per_volt * in_force.most
@@ -331,9 +356,12 @@ def _released(
         released += above + unnoticed[0] + unnoticed[1]
         unnoticed = (0.0, 0.0)
     released = max(released - ticks * _FORGOTTEN, 0.0)
-    room = max(_RELEASED_MAX - released, 0.0)
-    limit = max(plan.bare_limit, min(sqrt(room / _UNNOTICED), _RELEASE_MAX))
-    return tuple.__new__(Release, (free, unnoticed, released, limit))
+    calm = _CALM if beyond else max(calm - ticks, 0)
+    limit = plan.bare_limit
+    if not calm:
+        room = max(_RELEASED_MAX - released, 0.0)
+        limit = max(limit, min(sqrt(room / _UNNOTICED), _RELEASE_MAX))
+    return tuple.__new__(Release, (free, unnoticed, released, calm, limit))
 
 
 def cut_and_record(
@@ -366,13 +394,13 @@ def cut_and_record(
     touches it is ``Limit.Amplitude by drive``, as a finger may damp more than the bound assumes,
     and the free vibration has the limit of what a lift may release.
     """
-    response = free = response_at(plan, vibration, drive.frequency, vibration.damping)
+    response = free = response_at(plan, vibration, drive.frequency, 1.0)
     limit = plan.bare_limit
     if vibration.touching:
-        limit = plan.limit
-        free = response_at(plan, vibration, drive.frequency, 1.0)
-        drive = cut(free, vibration.release.free, vibration.release.limit, drive)
-    drive = cut(response, vibration.most, limit, drive)
+        response = response_at(plan, vibration, drive.frequency, vibration.damping)
+        drive = cut(response, vibration.most, plan.limit, drive)
+        limit = vibration.release.limit
+    drive = cut(free, vibration.release.free, limit, drive)
     return with_drive(in_force, drive, response, free, late), drive
 
 

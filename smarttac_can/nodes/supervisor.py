@@ -14,7 +14,6 @@ from smarttac_can.nodes.watches import (
     WatchPlan,
     WatchState,
     at_rest,
-    beyond_range,
     watch_step,
 )
 from smarttac_can.od.cia import Abort, AbortCode
@@ -86,6 +85,8 @@ def _shown(entry: Entry) -> str:
 _ARMED: Final = State.ARMED
 _RUNNING: Final = State.RUNNING
 _ARMED_STATES: Final = (_ARMED, _RUNNING)
+_IDENTIFY: Final = int(Mode.IDENTIFY)
+"""The mode without a finger, in which too much vibration is a fault."""
 _CONTROLWORD: Final = "Controlword"
 _PRESENT: Final = CYCLIC | sum(1 << w for w, row in WATCHDOGS.items() if row.lasting)
 """Bits of the faults that stay present until they are observed, or reported, as gone."""
@@ -274,7 +275,8 @@ class Supervisor:
         self.watch, faults = watch_step(plan, self.watch, tuple.__new__(Seen, seen))
         self.live = True
         self.observe(faults, CYCLIC)
-        if self.machine.state is not _RUNNING or beyond_range(plan, measured.si, mode):
+        beyond = self.watch.vibration.beyond and mode != _IDENTIFY
+        if beyond or self.machine.state is not _RUNNING:
             asked = Drive(0.0, self._safe_frequency(asked.frequency))
         self.in_force, drive = cut_and_record(
             plan.bound, self.watch.vibration, self.in_force, asked, late

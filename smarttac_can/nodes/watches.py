@@ -32,13 +32,7 @@ from smarttac_can.nodes.bounds import (
 )
 from smarttac_can.nodes.plate_block import TICK_MASK
 from smarttac_can.nodes.process_image import SENSORS, Measured
-from smarttac_can.vocabulary.signals import (
-    PICKUP_SATURATED,
-    SHORT_DEADLINE_MS,
-    Contact,
-    Drive,
-    Measurement,
-)
+from smarttac_can.vocabulary.signals import PICKUP_SATURATED, SHORT_DEADLINE_MS, Contact, Drive
 from smarttac_can.vocabulary.states import Mode
 from smarttac_can.vocabulary.watchdogs import (
     FORGOTTEN,
@@ -113,8 +107,6 @@ class WatchPlan(NamedTuple):
     """Parameters of the watchdogs, in SI units."""
 
     bound: BoundPlan
-    W_trip: float
-    """Limit of the measured amplitude in m peak-to-peak."""
     V_max: float
     """Limit of the voltage in V."""
     f_min: float
@@ -197,7 +189,6 @@ def watch_plan(
     separable = abs(xx * yy - xy * yx) >= DETERMINANT_MIN
     return WatchPlan(
         bound=bound_plan(si, identified=identified),
-        W_trip=si("Limit.Amplitude trip"),
         V_max=parameters.V_max,
         f_min=parameters.f_min,
         f_max=parameters.f_max,
@@ -280,18 +271,6 @@ def watch_step(plan: WatchPlan, before: WatchState, seen: Seen) -> tuple[WatchSt
         faults |= tripped if tared else tripped & ~_CONTRADICTED
     state = (measured.tick, vibration, counts, rests_at, rests, zero)
     return tuple.__new__(WatchState, state), faults
-
-
-def beyond_range(plan: WatchPlan, measurement: Measurement, mode: int) -> bool:
-    """Return whether the pick-up reads so much that the plate gets 0 V in this cycle.
-
-    A finger that lifts takes its damping away before the loops can follow. At 0 V the plate falls
-    by two thirds a cycle, so that a sound one is within the range again before a count is full. An
-    identification has no finger: there it is a fault.
-    """
-    if mode == _IDENTIFY:
-        return False
-    return bool(measurement.saturated & PICKUP_SATURATED) or abs(measurement.W) > plan.W_trip
 
 
 def levels(
@@ -403,7 +382,7 @@ def _of_vibration(
 ) -> int:
     """Compare the vibration that the pick-up reads with its limit and with the model."""
     faulty = _UNSEEN if abs(vibration.most) > plan.bound.limit * ROUNDING else 0
-    if amplitude > plan.W_trip:
+    if amplitude > plan.bound.trip:
         faulty |= _AMPLITUDE
     most = _EXCESS_UNIDENTIFIED if mode == _IDENTIFY else _EXCESS
     if amplitude > most * vibration.E + _EXCESS_OFFSET:

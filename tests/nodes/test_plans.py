@@ -100,7 +100,7 @@ FOLLOWS = {
     "Limit.Amplitude": "control.W_max",
     "Limit.Lowest frequency": "control.f_min watch.f_min",
     "Limit.Highest frequency": "control.f_max watch.f_max",
-    "Limit.Amplitude trip": "watch.W_trip",
+    "Limit.Amplitude trip": "bound.trip",
     "Limit.Temperature": "watch.temperature_max",
     "Limit.Normal force": "watch.Fn_max",
     "Limit.Lateral force": "watch.Ft_max",

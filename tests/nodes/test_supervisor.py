@@ -14,8 +14,9 @@ from smarttac_can.nodes import supervisor
 from smarttac_can.nodes.bounds import InForce
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.nodes.supervisor import Supervisor
+from smarttac_can.nodes.watches import WatchState
 from smarttac_can.od.cia import Abort
-from smarttac_can.vocabulary.signals import Drive, Measurement
+from smarttac_can.vocabulary.signals import Drive
 from smarttac_can.vocabulary.states import Mode, State
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 
@@ -32,7 +33,7 @@ class Loop:
 
     def __init__(self, state: State = State.READY) -> None:
         self.od = stimulator_od()
-        self.reads, self.saturated = 0j, 0
+        self.beyond = False
         plan = plan_of(self.od)._replace(f_min=LOWEST, f_max=HIGHEST)
         self.supervisor = Supervisor(self.od, plan)
         self.supervisor.note_zero()
@@ -50,15 +51,19 @@ class Loop:
     ) -> Drive:
         """Have the watchdogs see these faults, and the bound of the vibration cut to 30 V."""
         cascade: Any = SimpleNamespace(mode=mode, contact=LIFTED, zero=UNTARED, tared=True)
-        measured: Any = SimpleNamespace(si=Measurement(self.reads, UNTARED, 20.0, self.saturated))
+        measured: Any = None
 
         def cut_and_record(
             _plan: object, _vibration: object, in_force: InForce, drive: Drive, _late: bool
         ) -> tuple[InForce, Drive]:
             return in_force, drive._replace(voltage=min(drive.voltage, 30.0))
 
+        def watch_step(_plan: object, state: WatchState, _seen: object) -> tuple[WatchState, int]:
+            vibration = state.vibration._replace(beyond=self.beyond)
+            return state._replace(vibration=vibration), faults
+
         with (
-            patch.object(supervisor, "watch_step", lambda _plan, state, _seen: (state, faults)),
+            patch.object(supervisor, "watch_step", watch_step),
             patch.object(supervisor, "cut_and_record", cut_and_record),
         ):
             return self.supervisor.permit(asked, measured, mode, cascade, late=False)
@@ -113,24 +118,14 @@ def test_what_the_bound_of_the_vibration_cuts_goes_out_cut() -> None:
     assert loop.cycle(asked=Drive(80.0, 43390.0)) == Drive(30.0, 43390.0)
 
 
-@pytest.mark.parametrize(
-    ("reads", "saturated", "voltage"),
-    [
-        (3.21e-6, 0, 0.0),
-        (2.3e-6 + 2.3e-6j, 0, 0.0),
-        (3.19e-6, 0, 20.0),
-        (1e-6, 0b1000000, 0.0),
-        (1e-6, 0b0111111, 20.0),
-    ],
-)
-def test_pickup_at_its_end_or_above_its_limit_gives_0_v(
-    reads: complex, saturated: int, voltage: float
-) -> None:
+def test_reading_beyond_the_range_gives_0_v_without_a_fault() -> None:
     loop = Loop(State.RUNNING)
-    loop.reads, loop.saturated = reads, saturated
-    assert loop.cycle() == Drive(voltage, 43390.0)
-    assert loop.supervisor.state is State.RUNNING
-    assert loop.cycle(mode=Mode.IDENTIFY) == Drive(20.0, 43390.0), "a fault of an identification"
+    loop.beyond = True
+    assert loop.cycle() == Drive(0.0, 43390.0)
+    assert loop.cycle(mode=Mode.IDENTIFY) == Drive(20.0, 43390.0), "there it is a fault"
+    loop.beyond = False
+    assert loop.cycle() == Drive(20.0, 43390.0)
+    assert loop.shown == (0, 0, 0)
 
 
 def test_a_cycle_with_a_fault_lets_none_out() -> None:

@@ -401,7 +401,7 @@ def test_silence_is_none_while_the_model_has_less_than_200_nm(volts: float, cycl
 
 def test_the_trip_itself_is_allowed() -> None:
     watch = settled(watch_of(), 3.0)
-    trip = complex(watch.plan.W_trip)
+    trip = complex(watch.plan.bound.trip)
     assert not any(watch.look(trip, mode=AMPLITUDE_MODE) & AMPLITUDE for _ in range(20))
 
 
