@@ -481,6 +481,8 @@ PDO_DEADLINE_MS: Final = SHORT_DEADLINE_MS
 """Event timers in ms of the drive at the plate, and of the measurements at the stimulator."""
 SYNC_IRREGULAR_CYCLES: Final = 2 * sync_window(PDO_DEADLINE_MS)
 """The window in which the fault begins may end too early to detect it; the next one does."""
+ABOVE_LIMIT_CYCLES: Final = 2 * AMPLITUDE_CYCLES
+"""At 0 V the vibration falls below its limit between the cycles that count; the loop comes back."""
 HUNTING_CYCLES: Final = SILENT_CYCLES
 """While a loop reacts to a wrong pick-up, its excess comes and goes, but within this bound."""
 READ_BACK_BOUND: Final = READ_BACK_CYCLES + 2
@@ -495,9 +497,16 @@ _DIAGONAL: Final = (
     "0 N contradicts the other three normal gauges before it has lasted for 24 cycles"
 )
 _MOVED: Final = "the texture moves the vibration away from where the reading rests"
-_LOOP: Final = (
-    "an amplitude loop asks for more until the other axis is at its end; an identification beside "
-    "the resonance still reads that one, so that equal samples are first"
+_BESIDE: Final = (
+    "an identification beside the resonance still reads the other axis, so that equal samples are "
+    "first"
+)
+_STAYS: Final = (
+    "the voltage is 0 V at once, and a vibration that stays at its end does not follow from that; "
+    "where the voltage comes in pulses, what it follows from falls more slowly"
+)
+_PULSED: Final = MappingProxyType(
+    {Mode.FRICTION: Watchdog.AMPLITUDE, Mode.TEXTURE: Watchdog.AMPLITUDE}
 )
 
 
@@ -541,7 +550,8 @@ def _sensor(
     why: str = "",
 ) -> list[FaultCase]:
     """Return the failures that every sensor can have; `instead` and `why` are for a dead one."""
-    beyond = "" if saturated is Watchdog.SATURATED else _BEYOND
+    beyond = {Watchdog.SATURATED: "", Watchdog.PICKUP: _STAYS}.get(saturated, _BEYOND)
+    pulsed = _PULSED if saturated is Watchdog.PICKUP else {}
     moved = {Mode.TEXTURE: Watchdog.PICKUP} if sensor == PICKUP_D else {}
     return [
         broken(
@@ -554,7 +564,7 @@ def _sensor(
         ),
         broken(
             f"{name} saturated", SATURATED_CYCLES, saturated, FaultKind.SATURATED, sensor,
-            why=beyond,
+            instead=pulsed, why=beyond,
         ),
     ]  # fmt: skip
 
@@ -624,14 +634,12 @@ CASES: Final[tuple[FaultCase, ...]] = (
       for number, mN, off, period, bound, shows in
       ((1, 1700, 4, 5, 7, visible(0.0, _NO_FRICTION_N)), (3, 600, 4, 5, 7, None),
        (4, -600, 1, 2, 11, None), (6, 600, 1, 3, 16, None))),
-    *_sensor("pick-up d", PICKUP_D, Watchdog.PICKUP, Watchdog.SATURATED, {
-        Mode.AMPLITUDE: Watchdog.SATURATED, Mode.AMPLITUDE_RESONANCE: Watchdog.SATURATED,
-        Mode.IDENTIFY: Watchdog.STUCK,
-    }, _LOOP),
-    *_sensor("pick-up q", PICKUP_Q, Watchdog.STUCK, Watchdog.SATURATED),
+    *_sensor("pick-up d", PICKUP_D, Watchdog.PICKUP, Watchdog.PICKUP,
+             {Mode.IDENTIFY: Watchdog.STUCK}, _BESIDE),
+    *_sensor("pick-up q", PICKUP_Q, Watchdog.STUCK, Watchdog.PICKUP),
     broken("S3 saturated, plate inside", SATURATED_CYCLES, Watchdog.NORMAL_FORCE,
             FaultKind.SATURATED, 3, plate_inside=True, why=_BEYOND),
-    broken("pick-up reads too much", HUNTING_CYCLES, Watchdog.SATURATED,
+    broken("pick-up reads too much", HUNTING_CYCLES, Watchdog.PICKUP,
             FaultKind.GAIN, PICKUP_D, 6000, modes=REGULATED, shows=visible(up_to_N=1.2)),
     *WEAK_PICKUP,
     broken("thermometer stuck", STUCK_THERMOMETER_CYCLES, Watchdog.STUCK,
@@ -646,7 +654,7 @@ CASES: Final[tuple[FaultCase, ...]] = (
             FaultKind.RESONANCE_SHIFT, 1, -1500, modes=TRACKED, shows=visible()),
     broken("plate cracked", RING_DOWN_CYCLES + SILENT_CYCLES, Watchdog.PICKUP,
             FaultKind.RESONANCE_SHIFT, 1, -9000, shows=visible(), adds_up=False),
-    FaultCase("vibration above its limit", AMPLITUDE_CYCLES, Watchdog.AMPLITUDE,
+    FaultCase("vibration above its limit", ABOVE_LIMIT_CYCLES, Watchdog.AMPLITUDE,
               limit_amplitude(100), limit_amplitude(3200),
               REGULATED, shows=visible(), through_loop=True),
     broken("vibration above its limit, identifying", AMPLITUDE_CYCLES, Watchdog.AMPLITUDE,

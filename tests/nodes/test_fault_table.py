@@ -69,7 +69,7 @@ BOUND = {
     "lateral force": 1,
     "resonance out of reach": 103,
     "plate cracked": 13,
-    "vibration above its limit": 5,
+    "vibration above its limit": 10,
     "vibration above its limit, identifying": 5,
     "power stage stuck": 1,
     "hardware takes its enable away": 1,
@@ -97,8 +97,10 @@ LATCHED = {
     "NMT reset of the plate": 3,
     "plate restarts": 3,
     "power stage stuck": 13,
+    "pick-up d saturated": 6,
+    "pick-up q saturated": 6,
 }
-"""Cycles until the stimulator has latched it, where the plate is at 0 V before by itself."""
+"""Cycles until the stimulator has latched it, where the plate is at 0 V before."""
 TO_SHOW = {
     # Sound cycles between the faulty ones, and what the leaky counter takes back in them.
     "S1 off in 4 of 5 cycles": 2,
@@ -110,6 +112,7 @@ TO_SHOW = {
     "drives corrupt": 2,
     # The amplitude loop takes the voltage back in between.
     "pick-up reads too much": 4,
+    "vibration above its limit": 5,
     "finger slams": 5,
     "resonance out of reach": 3,
     "plate cracked": 3,
