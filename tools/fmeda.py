@@ -18,6 +18,7 @@ import os
 import sys
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -42,6 +43,7 @@ from smarttac_can.trials.sensor_sweep import (
     summary,
 )
 from smarttac_can.trials.workers import in_order
+from smarttac_can.vocabulary.states import VibrationLaw
 
 SUMMARY = Path(__file__).resolve().parent / "fmeda.json"
 COARSE_SEED = 1
@@ -164,6 +166,10 @@ def fmeda_page(made: Mapping[str, Any] | None = None) -> Pages:
         ),
         "failures": (_head("Failure"), *map(_row, made["failures"].items())),
         "factors": (_head("Circumstance"), *map(_row, factors)),
+        "lifts": (
+            ("Set-point [um]", "Law", *(f"Lifted in {ms:g} ms" for ms in _LIFTS_MS)),
+            *map(_lift, made["lifts"]),
+        ),
     }
     return renewed(
         REFERENCE / "fmeda.md",
@@ -198,6 +204,14 @@ def _row(named: tuple[str, Mapping[str, Any]]) -> tuple[str, ...]:
     )
 
 
+def _lift(row: Mapping[str, Any]) -> tuple[str, ...]:
+    shown = [
+        f"{peak:.2f} um, {above}"
+        for peak, above in zip(row["peaks_um"], row["above"], strict=True)
+    ]
+    return (f"{row['setpoint']:g}", row["law"], *shown)
+
+
 def swept(name: str, seed: int, cells: Sequence[Cell]) -> tuple[dict[str, Any], list[Result]]:
     """Run cells; return what the file says of the sweep, and the results."""
     with progress_bar(f"{name} cells") as progress:
@@ -212,6 +226,35 @@ def swept(name: str, seed: int, cells: Sequence[Cell]) -> tuple[dict[str, Any], 
         "violations": sum(bool(result.violation) for result in results),
         "fingerprint": fingerprint(results),
     }, results
+
+
+_LIFTS_MS = (2.0, 8.0, 20.0)
+_TAPS = Cell(
+    failure="d:gain:1", mode="AMPLITUDE_RESONANCE", motion="tapping", force=1.2,
+    identified="sound", cycles=3000, period=0.5,
+)  # fmt: skip
+"""Six lifts of a sound device."""
+
+
+def lifts() -> list[dict[str, Any]]:
+    """Return how far a sound plate goes when a finger lifts, by set-point, law and lift."""
+    found = []
+    for setpoint in (1.0, 2.0, 2.5, 3.0):
+        for law in VibrationLaw:
+            results = [
+                run_cell(replace(_TAPS, setpoint=setpoint, law=law.name, lift=lift))
+                for lift in _LIFTS_MS
+            ]
+            found.append(
+                {
+                    "setpoint": setpoint,
+                    "law": law.name.lower(),
+                    "ended": sum(bool(result.ended_by) for result in results),
+                    "peaks_um": [result.peak_um for result in results],
+                    "above": [result.above for result in results],
+                }
+            )
+    return found
 
 
 def healthy_runs(count: int, seed: int) -> dict[str, Any]:
@@ -272,6 +315,7 @@ def main(*, fine: bool, drawn: int, healthy: int, seed: int, checks: bool) -> No
         "failures": summary(results),
         "factors": {factor: summary(results, row_of_factor(factor)) for factor in _FACTORS},
         "healthy": runs,
+        "lifts": lifts(),
     }
     SUMMARY.write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
     run, broken = (sum(sweep[name] for sweep in sweeps) for name in ("cells", "violations"))
