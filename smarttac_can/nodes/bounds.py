@@ -279,13 +279,13 @@ def follow(
     contact
         The finger in this cycle.
     ticks
-        Ticks since the measurement before, 1 or more.
+        Ticks since the measurement before; 0 for another measurement of a tick.
     """
     bound, E, E_least, least, _, _, low, high, Fn_before, _, _ = before
     drive, _, V_most, V_least, V_most_before, V_least_before, _, _, _, response, _, _ = in_force
     beyond = bool(measurement.saturated & PICKUP_SATURATED) or abs(measurement.W) > plan.trip
     Fn = contact.Fn if contact.Fn > 0.0 else 0.0
-    falling = _FORCE_LEAD * (Fn - Fn_before) / ticks if Fn < Fn_before else 0.0
+    falling = _FORCE_LEAD * (Fn - Fn_before) / (ticks or 1) if Fn < Fn_before else 0.0
     least_Fn = (1.0 - _FORCE_TOLERANCE) * Fn - _FORCE_UNCERTAINTY + falling
     touching = contact.touching and least_Fn > 0.0
     decay = plan.decay**ticks

@@ -23,6 +23,7 @@ from smarttac_can.od.cia import Abort, NMTCommand
 from smarttac_can.trials.fault_cases import CASES, PREDICTED, FaultCase, Row
 from smarttac_can.trials.rig import PLATE_HEARTBEAT_MS, MasterTraffic, Rig
 from smarttac_can.trials.workers import in_order
+from smarttac_can.vocabulary.meanings import LIFTED, STROKE
 from smarttac_can.vocabulary.states import Law, Mode, State, VibrationLaw
 
 _GUARD_S = 1.0
@@ -347,7 +348,7 @@ def begin_run(rig: Rig, case: FaultCase, mode: Mode) -> None:
     """Write set-points and laws, and start a run in which the mode may drive."""
     for name, raw in (_SETPOINTS | _PREDICTIVE if case.predictive else _SETPOINTS).items():
         rig.write(name, raw)
-    rig.start_run(touch=mode is not Mode.IDENTIFY)
+    rig.start_run(motion=LIFTED if mode is Mode.IDENTIFY else STROKE)
 
 
 def _cycles_to_zero(rig: Rig, bound: int) -> int | None:

@@ -95,7 +95,7 @@ class _Finger:
         return FingerState(self._travel * sin(self._omega * time), Fn)
 
 
-class _TappingFinger:
+class TappingFinger:
     """A finger that taps, strokes with lifts, or knocks, from 0.5 to 10 times a second."""
 
     __slots__ = ("_force", "_lift", "_omega", "_period", "_press", "_touch", "_travel")
@@ -226,7 +226,7 @@ def healthy_run(seed: int) -> HealthyRun:
     ):
         block.write(name, raw)
     block.write(START_RUN, 1)
-    finger = _TappingFinger(draw) if tapping else _Finger(draw)
+    finger = TappingFinger(draw) if tapping else _Finger(draw)
     ambient = draw.choice((20.0, draw.uniform(15.0, 30.0)))
     backend = bench.plate_block.backend
     assert isinstance(backend, SimulatedPlate)

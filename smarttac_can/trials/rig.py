@@ -40,7 +40,8 @@ from smarttac_can.od.cia import (
 )
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.entry import Entry
-from smarttac_can.vocabulary.meanings import AUTO_ZERO, SIMULATION, START_RUN, ZERO
+from smarttac_can.plant.finger import Finger
+from smarttac_can.vocabulary.meanings import AUTO_ZERO, SIMULATION, START_RUN, STROKE, ZERO
 from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS, TARE_SAMPLES, TICK_US
 from smarttac_can.vocabulary.states import Control, Mode, State
 from smarttac_can.vocabulary.textures import Axis, TextureTable
@@ -158,6 +159,8 @@ class Rig:
         reports the power stage in every cycle.
     wire
         Carrier of the frames; None to keep them in the process.
+    finger
+        Finger of motion 2.
 
     Attributes
     ----------
@@ -191,6 +194,7 @@ class Rig:
         seed: int = 1,
         log: LogHook | None = None,
         wire: Wire | None = None,
+        finger: Finger | None = None,
     ) -> None:
         self.bus = FaultyBus(seed, log=log, wire=wire)
         self.cycles = 0
@@ -204,13 +208,13 @@ class Rig:
         self._emcy_ids = (EMCY_ID + STIMULATOR_ID, EMCY_ID + PLATE_ID)
         self.master = LocalMaster(self.bus, self._hear)
         if plate_inside:
-            self.plate_block = PlateBlock(plate_od())
+            self.plate_block = PlateBlock(plate_od(), finger)
             od = stimulator_od() if log is None else _logged_stimulator_od()
             self.stimulator = StimulatorNode(od, self.plate_block, presets=_PRESETS)
             self.plate_port = None
         else:
             od = plate_od() if log is None else _logged_plate_od()
-            plate = PlateNode(od, deadline_ms=SHORT_DEADLINE_MS)
+            plate = PlateNode(od, deadline_ms=SHORT_DEADLINE_MS, recording=finger)
             self.plate_block = plate.block
             self.stimulator = StimulatorNode(
                 stimulator_od(),
@@ -267,11 +271,11 @@ class Rig:
         self.nmt(NMTCommand.START)
         self.cycle(HEARTBEAT_CYCLES + 1)
 
-    def start_run(self, *, subject: int = 2, force_mN: int = 500, touch: bool = True) -> None:
-        """Start a run with or without a stroking finger, and tare it."""
+    def start_run(self, *, subject: int = 2, force_mN: int = 500, motion: int = STROKE) -> None:
+        """Start a run with a finger that moves by `Finger.Motion`, and tare before it lands."""
         self.write("Simulation.Subject", subject)
         self.write("Finger.Force", force_mN)
-        self.write("Finger.Motion", int(touch))
+        self.write("Finger.Motion", motion)
         self._write_both(START_RUN, 1)
         self.cycle(TARE_CYCLES)
         self.write(AUTO_ZERO[0], ZERO)

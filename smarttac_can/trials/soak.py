@@ -15,10 +15,13 @@ from zlib import crc32
 
 from smarttac_can.master.errors import HeartbeatLostError
 from smarttac_can.od.cia import Abort, NMTCommand
+from smarttac_can.plant.finger import Finger, FingerState, Lifted
 from smarttac_can.trials.fault_cases import CASES, DRIVING, TOLERATED, TRACKED, FaultCase
+from smarttac_can.trials.healthy_runs import TappingFinger
 from smarttac_can.trials.invariants import MOST_VIOLATIONS, Invariants, TripCause
 from smarttac_can.trials.rig import PLATE_LOST_MS, MasterTraffic, Rig
 from smarttac_can.trials.workers import in_order
+from smarttac_can.vocabulary.meanings import LIFTED, RECORDED, STROKE
 from smarttac_can.vocabulary.states import Law, Mode, State, VibrationLaw
 from smarttac_can.vocabulary.watchdogs import (
     COUNTED,
@@ -422,6 +425,15 @@ _USED: Final = tuple(
 )  # fmt: skip
 
 
+class _Taps:
+    """A finger that taps, drawn anew for each run."""
+
+    taps: Finger = Lifted()
+
+    def at(self, time: float) -> FingerState:
+        return self.taps.at(time)
+
+
 class Soak:
     """One soak on the in-process bus, with a plate node.
 
@@ -441,7 +453,8 @@ class Soak:
         self._length = cycles
         self._progress = progress
         self._random = random.Random(seed)
-        self._rig = rig = Rig(seed=seed)
+        self._finger = _Taps()
+        self._rig = rig = Rig(seed=seed, finger=self._finger)
         self._traffic = MasterTraffic(rig, seed, commands=False)
         self._watch = SoakWatch(rig)
         self._invariants = self._watch.invariants
@@ -508,10 +521,11 @@ class Soak:
         rig.write("Finger.Force variation", draw.randint(0, 300))
         self._draw_setpoints()
         rig.write("Controlword", 0)
+        self._finger.taps = TappingFinger(draw)
         rig.start_run(
             subject=draw.randint(1, 5),
             force_mN=draw.randint(200, 1200),
-            touch=mode is not Mode.IDENTIFY,
+            motion=LIFTED if mode is Mode.IDENTIFY else draw.choice((STROKE, STROKE, RECORDED)),
         )
         rig.drive(mode)
         self._report.runs += 1
@@ -677,7 +691,7 @@ class Soak:
 
     def _lift(self) -> None:
         """Lift the finger and tare: zeros taken under a finger would prevent the reset."""
-        self._rig.start_run(touch=False)
+        self._rig.start_run(motion=LIFTED)
 
 
 # A long soak in independent parts, which may run in parallel.

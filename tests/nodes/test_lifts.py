@@ -240,6 +240,14 @@ def test_falling_force_is_a_lift_within_three_cycles() -> None:
     assert held(lifting) == pytest.approx(3 * 36.0e-12 * 9.85e7, rel=0.01)
 
 
+def test_second_measurement_of_a_tick_lets_no_time_pass() -> None:
+    twice = watch()
+    allowed_after(twice, [1.0] * 50, 120.0)
+    before = twice.state.vibration.release
+    twice.look(0j, pressing(0.9), 20.0, 2, 0)
+    assert twice.state.vibration.release.free == before.free
+
+
 def test_bucket_forgets_8_mj_a_second() -> None:
     lifted = watch()
     allowed_after(lifted, [1.0] * 50 + [0.0] * 5, 120.0)

@@ -376,7 +376,7 @@ def driving(mode: Mode = Mode.OPEN_LOOP, *, nm: int = 0) -> Rig:
     rig = Rig()
     rig.start()
     rig.write("Setpoint.Voltage", 4000)
-    rig.start_run(touch=False)
+    rig.start_run(motion=0)
     if nm:
         limit_amplitude(nm)(rig)
         rig.cycle(2)
