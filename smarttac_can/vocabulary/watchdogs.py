@@ -254,7 +254,8 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
     Watchdog.AMPLITUDE: WatchdogRow(
         "the vibration is above its limit",
         FaultCode.AMPLITUDE, _MANUFACTURER, AMPLITUDE_CYCLES,
-        "a finger that lifts lets the amplitude overshoot for less than the 5 ms the loop takes",
+        "the voltage is 0 V in each of these cycles; a finger that lifts lets the amplitude "
+        "overshoot for fewer",
         Way.SLOWLY,
         limit="Limit.Amplitude trip",
         remedy="lower the set-point; if that is low, identify the plate again",
