@@ -215,7 +215,7 @@ class Stimulator(NamedObjects):
         speed = self.finger.speed
         fast = texture.frequency(speed)
         if fast > FOLLOWED_HZ:
-            at = "" if texture.over_time else f" at {speed:g} mm/s"
+            at = "" if texture.is_over_time else f" at {speed:g} mm/s"
             warnings.warn(
                 f"half of the texture is above {fast:.0f} Hz{at}, and the COF follows up to "
                 f"{FOLLOWED_HZ:g} Hz: make it coarser, or stroke more slowly",

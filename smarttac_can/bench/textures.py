@@ -2,48 +2,57 @@
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
-from functools import cache
-from io import BytesIO, StringIO
-from itertools import islice, takewhile
-from math import ceil, isfinite, nan
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, NamedTuple, Self, cast
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from smarttac_can.bench.given import finite, truth
-from smarttac_can.bench.simulation import stimulator_od
-from smarttac_can.bench.traces import Floats, Integers, require_matplotlib
-from smarttac_can.host.files import in_words, read_bounded
-from smarttac_can.vocabulary.textures import (
-    COF_COUNT,
-    MAX_START,
-    MAX_STEP,
-    MAX_VALUES,
-    Axis,
-    TextureTable,
+from smarttac_can.bench.lab_csv import (
+    FORCES_N,
+    LENGTHS_MM,
+    NUMBERS,
+    TIMES_S,
+    Columns,
+    read_table,
+    size_of,
 )
+from smarttac_can.bench.pictures import read_row
+from smarttac_can.bench.texture_tables import (
+    CURE,
+    LEAST_VALUES,
+    NM_PER_MM,
+    PLATE_MM,
+    US_PER_S,
+    Averaged,
+    SampleError,
+    cof_bounds,
+    half_power,
+    of_curve,
+    of_pixels,
+    of_samples,
+    table_of,
+    within,
+)
+from smarttac_can.bench.traces import Floats, Integers, require_matplotlib
+from smarttac_can.host.files import in_words
+from smarttac_can.vocabulary.textures import COF_COUNT, Axis, TextureTable
 
 if TYPE_CHECKING:
+    import pandas
     from matplotlib.figure import Figure
 
-PLATE_MM: Final = 76.0
-"""Length of the plate in mm along the stroke of a finger."""
-MAX_BYTES: Final = 64 << 20
-"""Largest file in bytes from which a texture is read."""
-NM_PER_MM: Final = 1e6
-US_PER_S: Final = 1e6
-MOST_MM: Final = MAX_START / NM_PER_MM
-"""Largest distance of a position from the middle of the plate in mm."""
 FOLLOWED_HZ: Final = 100.0
 """Highest frequency in Hz at which a finger feels 0.7 of the swing of a texture or more, with the
 dead time of a bus and the vibration law ``pi``: docs/reference/bandwidth.md."""
-_MOST_STEP_MM: Final = MAX_STEP / NM_PER_MM
-_MS_US: Final = 1000
+Kind = tuple[str, Mapping[str, float]]
+"""Name of a column, and the units of what it holds."""
+MOST_GAP: Final = 10
+"""Longest interval between two positions over which they are interpolated, in median intervals."""
 _LEAST_POINTS: Final = 2
 _PERIOD_VALUES: Final = 500
 _PROFILES: Final = {
@@ -56,9 +65,6 @@ _PROFILES: Final = {
 _MARGIN: Final = 0.02
 _HEADROOM: Final = 0.1
 """Free space in a figure beside and above the curve, as fractions of it."""
-_CURE: Final = "; leave out rows where the finger turns, rests or hardly touches"
-_GREY_DIMENSIONS: Final = 2
-_SHOWN: Final = 40
 
 GRID_MM: Final = 0.02
 """Grid spacing in mm at which passes are compared."""
@@ -71,12 +77,16 @@ _LEAST_ROWS: Final = 8
 class Texture:
     """COF over position or time, to be played by a stimulator: ``bench.texture = texture``.
 
-    Created by `grating`, `profile`, `from_png` and `from_csv`. The COF is 0.05..2 everywhere, as
-    bounded by the EDS.
+    Created by `grating`, `profile`, `from_picture`, `from_csv`, `over_position` and `over_time`. A
+    table has 4096 values at most: each is the mean of what falls on it. The COF is 0.05..2
+    everywhere, as bounded by the EDS.
     """
 
     table: TextureTable
     """Table as stored in the stimulator."""
+    original: float | None = field(default=None, compare=False, repr=False)
+    """Frequency per mm or in Hz below which half of the power of the source lies, if the table does
+    not hold all of it; None after it was read back from a stimulator."""
 
     @classmethod
     def grating(
@@ -130,6 +140,7 @@ class Texture:
         seconds: float = 1.0,
         *,
         repeats: bool = False,
+        strict: bool = False,
     ) -> Self:
         """Make a profile over time, which starts when the stimulator begins to play it.
 
@@ -145,6 +156,8 @@ class Texture:
             Length of a named shape in s, 0.002..1000.
         repeats
             Whether the profile restarts at its end; otherwise its last COF is held.
+        strict
+            As for `over_position`.
 
         Raises
         ------
@@ -167,99 +180,248 @@ class Texture:
             points = [profile_point(point) for point in shape]
             if low is not None or high is not None:
                 raise ValueError("points have their own COF: low and high belong to a name")
-        return cls(over_time(points, truth("repeats", repeats)))
+        times, mu = np.array(points, dtype=np.float64).reshape(-1, 2).T
+        return cls._of(of_curve(times, mu, truth("repeats", repeats)), strict)
 
     @classmethod
-    def from_png(
-        cls, path: Path | str, row: int, low: float, high: float, width_mm: float = PLATE_MM
+    def over_position(
+        cls,
+        x_mm: npt.ArrayLike,
+        cof: npt.ArrayLike,
+        *,
+        times: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
+        step_mm: float = 0.05,
+        strict: bool = False,
     ) -> Self:
-        """Make a texture from a row of a grey picture: black is low, white is high.
+        """Make a texture from arrays of positions and COF, as of a recording.
 
-        Needs the extra ``report``; raises BenchError without it.
+        Positions may be irregular, repeat and go back and forth: the mean of all samples near a
+        value is taken. Places without samples are interpolated linearly. Samples that are NaN in
+        one of both are left out.
+
+        Parameters
+        ----------
+        x_mm
+            Positions in mm from the middle of the plate.
+        cof
+            COF at them.
+        times
+            Times in s of `x_mm` and of `cof`, if these were sampled at different rates; the
+            positions are then interpolated at the times of the COF.
+        step_mm
+            Distance between two values in mm, 0.01..10.
+        strict
+            Whether to refuse, not to warn, if more than 10 % of the swing is averaged away or the
+            table does not reach all positions.
+
+        Raises
+        ------
+        ValueError
+            If the lengths differ, a position or COF cannot be played, or there are fewer than 10
+            values.
+        """
+        step = within("step_mm", step_mm, 0.01, 10.0)
+        places, mu = array_of("x_mm", x_mm), array_of("cof", cof)
+        if times is not None:
+            if not isinstance(times, tuple) or len(times) != 2:  # noqa: PLR2004
+                raise ValueError("times are a pair: the times in s of x_mm, and those of cof")
+            at = array_of("times of x_mm", times[0]), array_of("times of cof", times[1])
+            require_alike("times of x_mm", at[0], "x_mm", places)
+            require_alike("times of cof", at[1], "cof", mu)
+            places = at_times(at[0], places, at[1])
+        require_alike("x_mm", places, "cof", mu)
+        there = ~(np.isnan(places) | np.isnan(mu))
+        if not there.any():
+            raise ValueError("x_mm and cof have no sample in common")
+        return cls._of(of_samples(places[there], mu[there], step), strict)
+
+    @classmethod
+    def over_time(
+        cls,
+        t_s: npt.ArrayLike,
+        cof: npt.ArrayLike,
+        *,
+        repeats: bool = False,
+        strict: bool = False,
+    ) -> Self:
+        """Make a texture from arrays of times and COF; the first time is its start.
+
+        Samples that are NaN in one of both are left out.
+
+        Parameters
+        ----------
+        t_s
+            Times in s, which do not fall; 40000 s at most.
+        cof
+            COF at them, joined by straight lines.
+        repeats
+            Whether it begins anew at its end; otherwise the last COF is held.
+        strict
+            As for `over_position`.
+
+        Raises
+        ------
+        ValueError
+            If the lengths differ, a time falls, or a COF cannot be played.
+        """
+        times, mu = array_of("t_s", t_s), array_of("cof", cof)
+        require_alike("t_s", times, "cof", mu)
+        there = ~(np.isnan(times) | np.isnan(mu))
+        times, mu = times[there], mu[there]
+        return cls._of(of_curve(times - times[:1], mu, truth("repeats", repeats)), strict)
+
+    @classmethod
+    def from_picture(
+        cls,
+        path: Path | str,
+        row: int,
+        low: float,
+        high: float,
+        width_mm: float = PLATE_MM,
+        *,
+        strict: bool = False,
+    ) -> Self:
+        """Make a texture from a row of a picture: black is low, white is high.
+
+        A PNG, JPEG or TIFF, in grey or in colours, of which the luma by Rec. 601 counts. Needs the
+        extra ``pictures``; raises BenchError without it.
 
         Parameters
         ----------
         path
-            PNG file with grey values.
+            Picture of up to 50 million pixels, without alpha.
         row
             Number of the row, counted from 0 at the top.
         low, high
             COF of black and white.
         width_mm
             Width of the picture in mm, 1..76, centred on the plate.
+        strict
+            Whether to refuse, not to warn, if more than 10 % of the swing is averaged away, as of a
+            row of far more than 4096 pixels.
 
         Raises
         ------
         ValueError
-            If the picture is not grey, has no such row, or a number is outside its range.
+            If it is no such picture, has no such row, or a number is outside its range.
         OSError
             If the file cannot be read.
         """
         low, high = _levels(low, high)
         width = within("width_mm", width_mm, 1.0, PLATE_MM)
-        grey = read_grey_row(Path(path), row)
-        pixel = width / len(grey)
-        middles = np.asarray((np.arange(len(grey)) + 0.5) * pixel - 0.5 * width)
-        return cls(over_position(middles, low + (high - low) * grey))
+        white = read_row(Path(path), row)
+        # Exact at both ends: the rounded sum may leave them.
+        cof = np.clip(low + (high - low) * white, low, high)
+        return cls._of(of_pixels(cof, width), strict)
+
+    from_png = from_picture
+    """Former name of `from_picture`."""
 
     @classmethod
     def from_csv(
         cls,
-        path: Path | str,
+        table: Path | str | pandas.DataFrame,
         *,
         position: str = "",
         time: str = "",
         cof: str = "",
         lateral: str = "",
         normal: str = "",
+        unit: str = "",
+        scale: Mapping[str, float] | None = None,
+        track: Path | str | pandas.DataFrame | None = None,
         step_mm: float = 0.05,
         least_force: float = 0.05,
+        strict: bool = False,
+        **options: Any,
     ) -> Self:
         """Make a texture from a recording: COF, or lateral and normal force, over position or time.
 
         Positions may be irregular, repeat and go back and forth: the mean of all samples near a
-        position is taken. Positions without samples are interpolated linearly.
+        value is taken. Positions without samples are interpolated linearly. Rows with an empty cell
+        or NaN are left out.
+
+        Header, separator, decimal sign, encoding and units of a file are found out; see
+        docs/how-to/lab-data.md. With the extra ``csv``, pandas reads.
 
         Parameters
         ----------
-        path
-            CSV file with a header; lines before it that begin with ``#`` are skipped.
+        table
+            CSV file, or a data frame.
         position, time
-            Name of the column of the abscissa, in mm from the middle of the plate or in s.
+            Name of the column of the abscissa, in mm from the middle of the plate or in s. Both
+            only with `track`.
         cof
             Name of the column of the COF.
         lateral, normal
-            Names of the columns of the forces, used instead of `cof`, both in the same unit. The
-            sign of the lateral force is ignored.
+            Names of the columns of the forces, used instead of `cof`. The sign of the lateral force
+            is ignored.
+        unit
+            Unit of the abscissa, such as ``m`` or ``ms``, if neither the name of its column, nor
+            brackets behind it, nor a row of units tells it.
+        scale
+            Factors of columns by name, besides their units: ``{"Fz": -1}`` if compression is
+            negative.
+        track
+            Another file or data frame with the columns `time` and `position`, at any rate: the
+            position is interpolated at the times of `table`.
         step_mm
             Distance between two values over position in mm, 0.01..10.
         least_force
-            Normal force, in the unit of its column, below which a sample is skipped.
+            Normal force in N, or in the unit of its column if that is not known, below which a
+            sample is left out.
+        strict
+            Whether to refuse, not to warn, if more than 10 % of the swing is averaged away or the
+            table does not reach all positions.
+        **options
+            Options for `pandas.read_csv`, which replace what would be found out.
 
         Raises
         ------
         ValueError
-            If columns are missing or contradict each other, or a cell is not a number or cannot be
-            played; the message names the line.
+            If columns are missing or contradict each other, a cell is not a number or cannot be
+            played, or there are fewer than 10 rows over position; the message names the line.
         OSError
             If the file cannot be read.
         """
-        if bool(position) == bool(time):
+        if not position and not time:
             raise ValueError("give one of position and time, the column that it goes over")
+        if bool(position and time) != (track is not None):
+            raise ValueError(
+                "give one of position and time, or both and track, which has the position over time"
+            )
         if bool(cof) == bool(lateral and normal) or bool(lateral) != bool(normal):
             raise ValueError("give cof, or both lateral and normal, the columns of the COF")
         step = within("step_mm", step_mm, 0.01, 10.0)
+        over = (time, TIMES_S) if time else (position, LENGTHS_MM)
+        if unit and unit not in (LENGTHS_MM if position else TIMES_S):
+            known = ", ".join(LENGTHS_MM if position else TIMES_S)
+            raise ValueError(f"unit {unit!r} is none of {known}")
+        factors = _factors(scale or {}, (position, time, cof, lateral, normal))
+        read = Recorded({position or time: unit}, factors, options)
         samples = (
-            Samples.of_cof(Path(path), position or time, cof)
+            read.of_cof(table, over, cof)
             if cof
-            else Samples.of_forces(Path(path), position or time, lateral, normal, least_force)
+            else read.of_forces(table, over, lateral, normal, least_force)
         )
-        return cls(samples.over_time() if time else samples.over_position(step))
+        if track is not None:
+            samples = samples.joined(read.track(track, time, position))
+        return cls._of(samples.over_position(step) if position else samples.over_time(), strict)
+
+    @classmethod
+    def _of(cls, averaged: Averaged, strict: bool) -> Self:
+        """Return the texture of a table; warn of what is lost, or refuse it, at the caller."""
+        loss = averaged.loss()
+        if loss and truth("strict", strict):
+            raise ValueError(loss)
+        if loss:
+            warnings.warn(loss, stacklevel=3)
+        return cls(averaged.table, averaged.half_power)
 
     def __repr__(self) -> str:
         """Return it in one line: a table has up to 4096 values."""
         first, last = self.extent
-        over = f"time, {first:g} to {last:g} s" if self.over_time else "position"
+        over = f"time, {first:g} to {last:g} s" if self.is_over_time else "position"
         low, high = (
             COF_COUNT * count for count in (min(self.table.values), max(self.table.values))
         )
@@ -272,39 +434,35 @@ class Texture:
         return np.array([self.table.at(count) for count in counts.tolist()])
 
     @property
-    def over_time(self) -> bool:
+    def is_over_time(self) -> bool:
         """Whether the texture goes over time, not over position."""
         return self.table.axis is Axis.TIME
 
     def frequency(self, speed: float) -> float:
         """Return the frequency in Hz below which half of the power of the COF lies; 0 if constant.
 
-        For a grating it is speed over period. Above `FOLLOWED_HZ` a finger feels less than 0.7 of
-        the swing.
+        It is that of the source, of which the table holds less if it is too fine. For a grating it
+        is speed over period. Above `FOLLOWED_HZ` a finger feels less than 0.7 of the swing.
 
         Parameters
         ----------
         speed
             Speed of the finger in mm/s; ignored for a texture over time.
         """
-        table = self.table
-        values = np.array(table.values, dtype=np.float64)
-        power = np.abs(np.fft.rfft(values - values.mean())) ** 2
-        total = float(power.sum())
-        if total == 0.0:
-            return 0.0
-        median = int(np.searchsorted(np.cumsum(power), 0.5 * total))
-        per_unit = median / (len(values) * table.step) * self._counts_per_unit
-        return per_unit if self.over_time else per_unit * speed
+        per_unit = self.original
+        if per_unit is None:
+            values = np.array(self.table.values, dtype=np.float64)
+            per_unit = half_power(values, self.table.step / self._counts_per_unit)
+        return per_unit if self.is_over_time else per_unit * speed
 
     @property
     def _counts_per_unit(self) -> float:
-        return US_PER_S if self.over_time else NM_PER_MM
+        return US_PER_S if self.is_over_time else NM_PER_MM
 
     @property
     def extent(self) -> tuple[float, float]:
         """First and last place: the plate in mm, or the time in s, two periods if it repeats."""
-        if not self.over_time:
+        if not self.is_over_time:
             return -0.5 * PLATE_MM, 0.5 * PLATE_MM
         table = self.table
         if table.repeats:
@@ -327,8 +485,8 @@ class Texture:
             aside = _MARGIN * (last - first)
             axes.set_xlim(first - aside, last + aside)
             axes.set_ylim(0.0, (1.0 + _HEADROOM) * max(cof))
-            axes.set_title("Over time" if self.over_time else "Over the plate")
-            axes.set_xlabel("time (s)" if self.over_time else "position on the plate (mm)")
+            axes.set_title("Over time" if self.is_over_time else "Over the plate")
+            axes.set_xlabel("time (s)" if self.is_over_time else "position on the plate (mm)")
             axes.set_ylabel("coefficient of friction")
         return figure
 
@@ -348,27 +506,16 @@ def _levels(low: float, high: float) -> tuple[float, float]:
     return low, high
 
 
-@cache
-def cof_bounds() -> tuple[float, float]:
-    """Return the lowest and the highest COF that a stimulator plays, from its EDS."""
-    entry = stimulator_od()["Setpoint.COF left"]
-    low, high = (float(int(bound) * entry.unit.number) for bound in (entry.low, entry.high))
-    return low, high
-
-
-def over_position(places: Floats, cof: Floats) -> TextureTable:
-    """Return the table of COF at increasing positions in mm, with about as many values."""
-    first, last = float(places[0]), float(places[-1])
-    count = min(max(2, len(places)), MAX_VALUES)
-    if count > len(places):
-        return table_of(Axis.POSITION, False, round(first * NM_PER_MM), 1, cof)
-    nearest = float(np.diff(places).min())
-    steps = max(round((last - first) / nearest), ceil((last - first) / _MOST_STEP_MM))
-    count = min(steps + 1, MAX_VALUES)
-    grid = np.linspace(first, last, count)
-    step = round((last - first) / (count - 1) * NM_PER_MM)
-    start = round(first * NM_PER_MM)
-    return table_of(Axis.POSITION, False, start, step, np.interp(grid, places, cof))
+def _factors(scale: Mapping[str, float], names: Sequence[str]) -> dict[str, float]:
+    """Return the factors of columns; raise ValueError if one is 0, no number or of no column."""
+    if not isinstance(scale, Mapping):
+        raise ValueError(f"scale {scale!r} is no mapping of columns to factors")
+    for name, value in scale.items():
+        if not name or name not in names:
+            raise ValueError(f"scale of {name!r} is for none of {', '.join(filter(None, names))}")
+        if finite(f"scale of {name!r}", value) == 0.0:
+            raise ValueError(f"scale of {name!r} is 0")
+    return {name: float(value) for name, value in scale.items()}
 
 
 def profile_point(point: object) -> tuple[float, float]:
@@ -380,79 +527,118 @@ def profile_point(point: object) -> tuple[float, float]:
     return finite("time", time), finite("COF", cof)
 
 
-def over_time(points: list[tuple[float, float]], repeats: bool) -> TextureTable:
-    """Return the table through points (time in s, COF), in steps of a multiple of 1 ms.
+def array_of(name: str, values: npt.ArrayLike) -> Floats:
+    """Return numbers in a row, NaN where masked; raise ValueError if they are not."""
+    try:
+        array = np.ma.asarray(values, dtype=np.float64).filled(np.nan)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} are no numbers: {error}") from None
+    if array.ndim != 1:
+        raise ValueError(f"{name} of shape {array.shape} are no numbers in a row")
+    if np.isinf(array).any():
+        raise ValueError(f"{name} {int(np.isinf(array).argmax())} is infinite")
+    return array
 
-    Raises
-    ------
-    ValueError
-        If there is one point only, a time falls, or a time or a COF is outside its bounds.
+
+def require_alike(name: str, one: Floats, other_name: str, other: Floats) -> None:
+    """Raise ValueError if two rows of numbers differ in length."""
+    if len(one) != len(other):
+        raise ValueError(f"{name} and {other_name} differ in length: {len(one)} and {len(other)}")
+
+
+def at_times(times: Floats, places: Floats, wanted: Floats) -> Floats:
+    """Return positions at other times, linear between samples; NaN before, behind, and in gaps.
+
+    A gap is longer than `MOST_GAP` times the median interval, as where a camera lost the finger.
     """
-    if len(points) < _LEAST_POINTS:
+    there = ~(np.isnan(times) | np.isnan(places))
+    times, places = times[there], places[there]
+    if len(times) < _LEAST_POINTS or np.any(np.diff(times) <= 0.0):
+        raise ValueError("the times of the positions are fewer than 2, or do not rise")
+    after = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1)
+    gap = times[after] - times[after - 1] > MOST_GAP * float(np.median(np.diff(times)))
+    outside = (wanted < times[0]) | (wanted > times[-1])
+    if (outside | np.isnan(wanted)).all():
         raise ValueError(
-            f"a profile goes through 2 points (time in s, COF) or more, not {len(points)}"
+            f"the recordings do not overlap: positions are over {times[0]:g}..{times[-1]:g} s, the "
+            f"COF over {np.nanmin(wanted):g}..{np.nanmax(wanted):g} s"
         )
-    times = np.array([t for t, _ in points])
-    if points[0][0] < 0.0 or np.any(np.diff(times) < 0.0):
-        raise ValueError("the times of a profile are below 0, or fall")
-    end = within("length of the profile in s", float(times[-1]), 0.0, 40_000.0)
-    steps = max(1, round(end * US_PER_S / _MS_US))
-    step = -(-steps // (MAX_VALUES - 1))
-    grid = np.arange(0.0, steps + (not repeats), step) * _MS_US / US_PER_S
-    cof = np.interp(grid, times, [value for _, value in points])
-    return table_of(Axis.TIME, repeats, 0, step * _MS_US, cof)
+    return np.where(gap | outside, np.nan, np.interp(wanted, times, places))
 
 
-def table_of(axis: Axis, repeats: bool, start: int, step: int, cof: Floats) -> TextureTable:
-    """Return the table of COF at equal steps, in counts of its axis."""
-    for value in (cof.min(), cof.max()):
-        within("COF", float(value), *cof_bounds())
-    counts = np.round(cof / COF_COUNT).astype(np.int64)
-    return TextureTable(axis, repeats, start, step, tuple(counts.tolist()))
+@dataclass(frozen=True)
+class Recorded:
+    """How the columns of a recording are read."""
 
+    units: dict[str, str]
+    """Units of columns by name, before what the file tells."""
+    scale: dict[str, float]
+    options: dict[str, Any]
 
-def within(name: str, value: float, low: float, high: float) -> float:
-    """Return a finite number within its bounds; otherwise raise ValueError with name and bounds."""
-    number = finite(name, value)
-    if not low <= number <= high:
-        raise ValueError(f"{name} {number:g} is outside {low:g}..{high:g}")
-    return number
+    def of_cof(self, table: object, place: Kind, cof: str) -> Samples:
+        """Read the columns of place and COF; raises as `read_table`."""
+        found, sizes = self._read(table, place, (cof, NUMBERS))
+        return Samples(found, None, found.values[0] * sizes[0], found.values[1] * sizes[1])
 
-
-class Samples(NamedTuple):
-    """COF at places, with the line of the file for each."""
-
-    path: Path
-    line: Integers
-    place: Floats
-    """Positions in mm, or times in s."""
-    cof: Floats
-
-    @classmethod
-    def of_cof(cls, path: Path, place: str, cof: str) -> Samples:
-        """Read the columns of place and COF; raises as `read_columns`."""
-        line, (places, values) = read_columns(path, (place, cof))
-        return cls(path, line, places, values)
-
-    @classmethod
     def of_forces(
-        cls, path: Path, place: str, lateral: str, normal: str, least_force: float
+        self, table: object, place: Kind, lateral: str, normal: str, least_force: float
     ) -> Samples:
         """Read the columns of place and forces; drop rows with a normal force below `least_force`.
 
         Raises
         ------
         ValueError
-            As `read_columns`, or if no normal force is so large.
+            As `read_table`, or if no normal force is so large.
         """
-        line, (places, along, across) = read_columns(path, (place, lateral, normal))
-        pressed = across >= max(least_force, 1e-9)
+        found, sizes = self._read(table, place, (lateral, FORCES_N), (normal, FORCES_N))
+        places, along, across = found.values
+        least = max(finite("least_force", least_force), 1e-9)
+        pressed = across * sizes[2] >= least
         if not pressed.any():
-            raise ValueError(f"{path}: no normal force is {least_force:g} or more")
-        cof = np.abs(along[pressed]) / across[pressed]
-        return cls(path, line[pressed], places[pressed], cof)
+            pulled = np.count_nonzero(across * sizes[2] <= -least)
+            hint = f": {pulled} are negative; scale={{{normal!r}: -1}} if that is compression"
+            raise ValueError(
+                f"{found.source}: no normal force is {least:g} or more{hint if pulled else ''}"
+            )
+        cof = np.abs(along[pressed]) * abs(sizes[1]) / (across[pressed] * sizes[2])
+        kept = None if pressed.all() else np.flatnonzero(pressed)
+        return Samples(found, kept, places[pressed] * sizes[0], cof)
 
-    def over_position(self, step: float) -> TextureTable:
+    def track(self, table: object, time: str, position: str) -> tuple[Floats, Floats]:
+        """Read times in s and positions in mm of another recording."""
+        found, sizes = self._read(table, (time, TIMES_S), (position, LENGTHS_MM))
+        return found.values[0] * sizes[0], found.values[1] * sizes[1]
+
+    def _read(self, table: object, *wanted: Kind) -> tuple[Columns, list[float]]:
+        """Return columns, and what each is multiplied by to be in mm, s, N or 1."""
+        found = read_table(table, [name for name, _ in wanted], self.options)
+        sizes = []
+        for (name, kind), unit in zip(wanted, found.units, strict=True):
+            try:
+                sizes.append(size_of(name, self.units.get(name) or unit, kind))
+            except ValueError as error:
+                raise ValueError(f"{found.source}: {error}") from None
+        forces = [size for (_, kind), size in zip(wanted, sizes, strict=True) if kind is FORCES_N]
+        if None in forces and any(forces):
+            raise ValueError(
+                f"{found.source}: the unit of only one of {' and '.join(found.names[1:])} is "
+                "known: name the other with its unit, as in 'Fz [N]'"
+            )
+        factors = [self.scale.get(name, 1.0) for name, _ in wanted]
+        return found, [factor * (size or 1.0) for factor, size in zip(factors, sizes, strict=True)]
+
+
+class Samples(NamedTuple):
+    """COF at places, out of a recording."""
+
+    found: Columns
+    kept: Integers | None
+    """Numbers of the samples among the rows of the recording; None if they are all."""
+    place: Floats
+    """Positions in mm, or times in s."""
+    cof: Floats
+
+    def over_position(self, step: float) -> Averaged:
         """Return the table of the mean COF near each multiple of `step` in mm.
 
         Raises
@@ -460,15 +646,17 @@ class Samples(NamedTuple):
         ValueError
             If a position or a mean cannot be played; the message names the line.
         """
-        far = np.abs(self.place) > MOST_MM
-        self._refuse(far, lambda k: f"position {self.place[k]:g} is outside ±{MOST_MM:g} mm")
-        cells, which = np.unique(np.round(self.place / step), return_inverse=True)
-        mean = np.bincount(which, self.cof) / np.bincount(which)
-        self._refuse_cof(self._unplayable(self.cof) & self._unplayable(mean)[which])
-        # The mean of values at a bound may exceed it by a rounding error.
-        return over_position(cells * step, np.clip(mean, *cof_bounds()))
+        averaged = named(self, lambda: of_samples(self.place, self.cof, step))
+        if len(self.place) < LEAST_VALUES:
+            empty = self.found.left_out
+            raise ValueError(
+                f"{self.found.source}: {len(self.place)} rows with numbers are fewer than the "
+                f"{LEAST_VALUES} of a texture over position"
+                + (f" ({empty} with an empty cell are left out)" if empty else "")
+            )
+        return averaged
 
-    def over_time(self) -> TextureTable:
+    def over_time(self) -> Averaged:
         """Return the table through all samples, sorted by time.
 
         Raises
@@ -477,131 +665,33 @@ class Samples(NamedTuple):
             If a COF cannot be played; the message names the line. Also if the recording is too long
             or a single sample.
         """
-        self._refuse_cof(self._unplayable(self.cof))
         order = np.argsort(self.place, kind="stable")
-        times = self.place[order] - self.place[order][0]
-        points = zip(times.tolist(), self.cof[order].tolist(), strict=True)
+        times = self.place[order]
+        kept = order if self.kept is None else self.kept[order]
+        ordered = Samples(self.found, kept, times - times[0], self.cof[order])
+        return named(ordered, lambda: of_curve(ordered.place, ordered.cof, False, CURE))
+
+    def joined(self, track: tuple[Floats, Floats]) -> Samples:
+        """Return the samples at the positions of a track, times in s and positions in mm."""
         try:
-            return over_time(list(points), repeats=False)
+            places = at_times(*track, self.place)
         except ValueError as error:
-            raise ValueError(f"{self.path}: {error}") from None
-
-    @staticmethod
-    def _unplayable(cof: Floats) -> npt.NDArray[np.bool_]:
-        low, high = cof_bounds()
-        return (cof < low) | (cof > high)
-
-    def _refuse_cof(self, wrong: npt.NDArray[np.bool_]) -> None:
-        low, high = cof_bounds()
-        self._refuse(wrong, lambda k: f"COF {self.cof[k]:g} is outside {low:g}..{high:g}{_CURE}")
-
-    def _refuse(self, wrong: npt.NDArray[np.bool_], why: Callable[[int], str]) -> None:
-        if wrong.any():
-            first = int(wrong.argmax())
-            raise ValueError(f"{self.path}: line {self.line[first]}: {why(first)}")
+            raise ValueError(f"{self.found.source}: {error}") from None
+        there = np.flatnonzero(~np.isnan(places))
+        kept = there if self.kept is None else self.kept[there]
+        return self._replace(kept=kept, place=places[there], cof=self.cof[there])
 
 
-@in_words()
-def read_columns(path: Path, names: Sequence[str]) -> tuple[Integers, list[Floats]]:
-    """Read columns of a CSV file by their names.
-
-    Lines before the header that begin with ``#`` are comments. Rows in which one of the columns
-    is empty are left out.
-
-    Returns
-    -------
-    tuple
-        Number of the line in which each row ends, from 1, and the columns.
-
-    Raises
-    ------
-    ValueError
-        If the file is not a text, a column is missing, a cell is not a number, or no row is left;
-        the message names line and column.
-    OSError
-        If the file is not a regular file, larger than `MAX_BYTES`, or cannot be read.
-    """
-    data = read_bounded(path, MAX_BYTES)
+def named(samples: Samples, made: Callable[[], Averaged]) -> Averaged:
+    """Make a table of samples; an error gets their source, and the line if it is of one sample."""
+    found = samples.found
     try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise ValueError(f"{path}: line {line} is no UTF-8 text") from error
-    comments = sum(1 for _ in takewhile(_is_comment, StringIO(text, newline="")))
-    rows = csv.reader(islice(StringIO(text, newline=""), comments, None))
-    try:
-        header = [name.strip() for name in next(rows, [])]
-        for name in names:
-            if name not in header:
-                raise ValueError(f"there is no column {name!r} among {', '.join(header)}")
-        places = [(name, header.index(name)) for name in names]
-        found = [
-            (comments + rows.line_num, numbers)
-            for row in rows
-            if (numbers := _numbers(row, places))
-        ]
-    except (csv.Error, ValueError) as error:
-        raise ValueError(f"{path}: line {comments + max(rows.line_num, 1)}: {error}") from error
-    if not found:
-        raise ValueError(f"{path}: no row has all of {', '.join(names)}")
-    lines, values = zip(*found, strict=True)
-    return np.array(lines), list(np.array(values, dtype=np.float64).T)
-
-
-def _is_comment(line: str) -> bool:
-    return line.startswith("#")
-
-
-def _numbers(row: list[str], places: Sequence[tuple[str, int]]) -> list[float]:
-    """Return the numbers of a row by name and index of their columns; [] if a cell is empty."""
-    texts = [row[place].strip() if place < len(row) else "" for _, place in places]
-    return (
-        []
-        if "" in texts
-        else [_number(name, text) for (name, _), text in zip(places, texts, strict=True)]
-    )
-
-
-def _number(name: str, text: str) -> float:
-    try:
-        number = float(text)
-    except ValueError:
-        number = nan
-    if not isfinite(number):
-        raise ValueError(f"column {name!r}: {text[:_SHOWN]!r} is no finite number")
-    return number
-
-
-@in_words()
-def read_grey_row(path: Path, row: int) -> Floats:
-    """Read a row of a grey PNG, counted from 0 at the top, as numbers from 0 (black) to 1 (white).
-
-    Raises
-    ------
-    ValueError
-        If the file is not a PNG, not grey, or has no such row.
-    OSError
-        If the file is not a regular file, larger than `MAX_BYTES`, or cannot be read.
-    BenchError
-        If matplotlib is missing.
-    """
-    require_matplotlib()
-    # Loaded here because playing a texture needs no pictures.
-    from matplotlib.image import imread  # noqa: PLC0415
-
-    data = read_bounded(path, MAX_BYTES)
-    try:
-        pixels = imread(BytesIO(data), format="png")
-    except (OSError, SyntaxError, ValueError) as error:
-        raise ValueError(f"{path}: is no PNG that can be read: {error}") from error
-    if pixels.ndim > _GREY_DIMENSIONS:
-        red, green, blue = (pixels[..., channel] for channel in range(3))
-        if not (np.array_equal(red, green) and np.array_equal(red, blue)):
-            raise ValueError(f"{path}: is not grey")
-        pixels = red
-    if not 0 <= row < len(pixels):
-        raise ValueError(f"{path}: row {row} is outside 0..{len(pixels) - 1}")
-    return np.asarray(pixels[row], dtype=np.float64)
+        return made()
+    except SampleError as error:
+        row = error.number if samples.kept is None else int(samples.kept[error.number])
+        raise ValueError(f"{found.source}: {found.place(row)}: {error.reason}") from None
+    except ValueError as error:
+        raise ValueError(f"{found.source}: {error}") from None
 
 
 class Harmonic(NamedTuple):
@@ -658,7 +748,7 @@ def track(
     ValueError
         If the texture goes over time, the lengths differ, or no pass covers the whole span.
     """
-    if texture.over_time:
+    if texture.is_over_time:
         raise ValueError("a texture over time has no place to compare")
     places = np.asarray(position_mm, dtype=np.float64)
     mu = np.asarray(cof, dtype=np.float64)

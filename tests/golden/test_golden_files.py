@@ -135,7 +135,7 @@ def test_a_trace_for_other_programs(files: Path, tmp_path: Path) -> None:
     frame = pd.read_csv(files / "trace.csv", comment="#")
     assert len(frame) == 80
     frame[frame["cof"] > 0.05].to_csv(tmp_path / "touched.csv")
-    assert Texture.from_csv(tmp_path / "touched.csv", time="time_s", cof="cof").over_time
+    assert Texture.from_csv(tmp_path / "touched.csv", time="time_s", cof="cof").is_over_time
 
 
 @pytest.mark.parametrize(("name", "frames"), [("raw.log", 3298), ("raw.blf", 500)])
