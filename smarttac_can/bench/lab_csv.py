@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import csv
 import re
+import warnings
 from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -37,6 +38,8 @@ MAX_CSV_BYTES: Final = 1 << 30
 """Largest file in bytes: ten minutes at 6 kHz with a dozen columns."""
 _HEAD_BYTES: Final = 1 << 16
 """Bytes in which the header is looked for."""
+_SMALL_BYTES: Final = 1 << 18
+"""Smaller files are read before pandas would be imported."""
 _CHUNK_ROWS: Final = 1 << 17
 _SHOWN: Final = 40
 _SEPARATORS: Final = ("\t", ";", ",", "|", " ")
@@ -135,7 +138,7 @@ def read_table(
         file.reconfigure(encoding=layout.encoding, errors="backslashreplace")
         for _ in range(layout.skipped):
             file.readline()
-        if not _has_pandas():
+        if not given and (not _has_pandas() or path.stat().st_size < _SMALL_BYTES):
             return _plain(path, file, wanted, layout)
         found = _fast(path, file, wanted, layout, given)
     if found is not None:
@@ -281,18 +284,17 @@ def _find(cells: Sequence[str], name: str) -> int:
 
 def _no_column(lines: Sequence[str], wanted: Sequence[str], separators: Sequence[str]) -> str:
     """Return in words which column is missing, in the line that is most like a header."""
-    best, shown = (-1, 0), (1, "", "")
-    numbers = 0
+    best, shown = (-1, 0, 0), (1, [""])
     for number, line in enumerate(lines, 1):
-        for separator in separators or _SEPARATORS:
-            cells = _split(_COMMENT.sub("", line), separator)
-            names = {*cells, *map(_base, cells)}
-            score = sum(name in names for name in wanted), -number
-            if line.strip() and not line.lstrip().startswith("#") and score > best and not numbers:
-                best, shown = score, (number, line, separator)
-        numbers += any(_NUMBER.fullmatch(cell) for cell in re.split(r"[\t;,| ]", line))
-    number, line, separator = shown
-    cells = max((_split(_COMMENT.sub("", line), s) for s in separators or _SEPARATORS), key=len)
+        text = _COMMENT.sub("", line)
+        splits = [_split(text, separator) for separator in separators or _SEPARATORS]
+        if any(_NUMBER.fullmatch(cell) for cells in splits[:-1] for cell in cells) and best[0] >= 0:
+            break
+        for cells in splits if text == line and text.strip() else ():
+            score = sum(name in {*cells, *map(_base, cells)} for name in wanted), len(cells), number
+            if score > best:
+                best, shown = score, (number, cells)
+    number, cells = shown
     missing = next((name for name in wanted if name not in {*cells, *map(_base, cells)}), wanted[0])
     return f"line {number}: there is no column {missing!r} among {', '.join(cells)}"
 
@@ -371,7 +373,12 @@ def _pieces(
     pieces: list[Floats] = []
     rows = 0
     try:
-        with pandas.read_csv(file, chunksize=_CHUNK_ROWS, **options) as reader:
+        with (
+            warnings.catch_warnings(),
+            pandas.read_csv(file, chunksize=_CHUNK_ROWS, **options) as reader,
+        ):
+            # It warns of fields that it would drop, as of decimal commas between commas.
+            warnings.simplefilter("error", pandas.errors.ParserWarning)
             for chunk in reader:
                 piece = np.empty((len(at), len(chunk)))
                 for row, (label, name) in enumerate(zip(at, wanted, strict=True)):
@@ -380,7 +387,7 @@ def _pieces(
                 rows += len(chunk)
     except pandas.errors.EmptyDataError:
         pass
-    except (ValueError, TypeError, pandas.errors.ParserError) as error:
+    except (ValueError, TypeError, pandas.errors.ParserWarning) as error:
         said = str(error).strip().splitlines()[0]
         raise _UnclearError(f"pandas.read_csv: {said}") from error
     return pieces, rows
@@ -426,7 +433,7 @@ def _by_options(path: Path, wanted: Sequence[str], given: dict[str, Any]) -> Col
                     raise ValueError(f"column {name!r} appears twice: rename one")
             file.seek(0)
             pieces, rows = _pieces(file, [cells[k] for k in at], wanted, given)
-        except (_UnclearError, ValueError, TypeError, pandas.errors.ParserError) as error:
+        except (_UnclearError, ValueError, TypeError) as error:
             raise ValueError(f"{path}: {error}") from error
     units = tuple(unit_of(cells[k]) for k in at)
     return _kept(wanted, units, str(path), pieces, rows, lambda row: f"row {row + 1}")
