@@ -4,6 +4,7 @@ import inspect
 import re
 import threading
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from shutil import copy
 from typing import Any
@@ -93,6 +94,9 @@ def test_page(
     if "Stimulator.connect(" in "".join(BLOCK.findall(page.read_text(encoding="utf-8"))):
         monkeypatch.setattr(Stimulator, "connect", connect)
     monkeypatch.chdir(tmp_path)
+    if page.stem == "lab-data":
+        monkeypatch.syspath_prepend(ROOT / "tools")
+        import_module("lab_data").make_files(tmp_path)
     with simulated() as bench:
         names = {
             "bench": bench,
