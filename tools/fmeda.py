@@ -206,8 +206,7 @@ def _row(named: tuple[str, Mapping[str, Any]]) -> tuple[str, ...]:
 
 def _lift(row: Mapping[str, Any]) -> tuple[str, ...]:
     shown = [
-        f"{peak:.2f} um, {above}"
-        for peak, above in zip(row["peaks_um"], row["above"], strict=True)
+        f"{peak:.2f} um, {above}" for peak, above in zip(row["peaks_um"], row["above"], strict=True)
     ]
     return (f"{row['setpoint']:g}", row["law"], *shown)
 

@@ -250,6 +250,12 @@ def still(plan: BoundPlan) -> Vibration:
     return Vibration(0j, 0.0, 0.0, 0.0, 1.0, False, plan.f0, plan.f0, 0.0, False, release)
 
 
+def without_lifts(plan: BoundPlan, vibration: Vibration) -> Vibration:
+    """Return the vibration with an empty bucket, for a new run."""
+    release = Release(vibration.release.free, (0.0, 0.0), 0.0, 0, plan.bare_limit)
+    return vibration._replace(release=release)
+
+
 _NOTHING: Final = Response(0j, 0j)
 UNDRIVEN: Final = InForce(
     Drive(0.0, nan), 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False, _NOTHING, _NOTHING, _NOTHING

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import Final, NamedTuple
 
 from smarttac_can.control.cascade import Cascade
-from smarttac_can.nodes.bounds import UNDRIVEN, InForce, cut_and_record
+from smarttac_can.nodes.bounds import UNDRIVEN, InForce, cut_and_record, without_lifts
 from smarttac_can.nodes.process_image import Measured
 from smarttac_can.nodes.states import Event, Guard, StateMachine
 from smarttac_can.nodes.watches import (
@@ -175,6 +175,7 @@ class Supervisor:
         self.present = self.latched = 0
         self._seen = 0
         self._ignores_first = False
+        self._undriven = True
         self._refusal = _NO_REFUSAL
 
     @property
@@ -268,6 +269,11 @@ class Supervisor:
             measurement.
         """
         plan = self.plan
+        if self._undriven and asked.voltage:
+            # Here, as cycles of the run before may follow its end.
+            self._undriven = False
+            vibration = without_lifts(plan.bound, self.watch.vibration)
+            self.watch = self.watch._replace(vibration=vibration)
         seen = (
             measured, mode, cascade.mode, asked, cascade.contact, cascade.zero, cascade.tared,
             self.in_force,
@@ -359,6 +365,7 @@ class Supervisor:
     def start_run(self, tared: bool) -> None:
         """Disarm for a new run, with or without a zero of the gauges."""
         self.tared = tared
+        self._undriven = True
         if not self.latched:
             self._clear_message()
         self.handle(Event.START_RUN)

@@ -113,6 +113,8 @@ TO_SHOW = {
     # The amplitude loop takes the voltage back in between.
     "pick-up reads too much": 4,
     "vibration above its limit": 5,
+    # More vibration than the pick-up reads makes 0 V, which a stuck stage obeys.
+    "power stage stuck": 1,
     "finger slams": 5,
     "resonance out of reach": 3,
     "plate cracked": 3,

@@ -147,7 +147,8 @@ def test_the_machine_that_was_seen_ends_the_run_by_the_deadline_of_the_plate() -
     assert loop.message == DRIVES_LATE
 
 
-def test_a_voltage_that_is_not_taken_back_in_time_is_told_with_its_cause() -> None:
+def test_late_drives_overshoot_and_end_no_run() -> None:
+    """Four of ten drives are late: a reading above its limit makes 0 V, and the run goes on."""
     loop = SlowLoop(
         Mode.FRICTION,
         **{"Friction law": Law.MEASURED, "Controller.Vibration law": VibrationLaw.SCHEDULED},
@@ -155,13 +156,8 @@ def test_a_voltage_that_is_not_taken_back_in_time_is_told_with_its_cause() -> No
     generator = random.Random(1)
     for _ in range(300):
         loop.period(ALL if generator.random() < 0.6 else 0)
-        if not loop.running:
-            break
-    cause, _, late = loop.message.partition("; ")
-    assert cause == ABOVE_LIMIT
-    assert late.endswith("of the last 20 drives late")
-    newest = loop.node.od["Fault memory.Fault 1"].value
-    assert newest.startswith(f"FF10h {loop.message}; mode friction, "), newest
+    assert loop.running, loop.message
+    assert loop.highest > TRIP
 
 
 @pytest.mark.parametrize("period", [2, 3])

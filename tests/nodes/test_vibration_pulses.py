@@ -16,7 +16,7 @@ from smarttac_can.vocabulary.watchdogs import Watchdog
 OPEN_LOOP, AMPLITUDE_RESONANCE = 1, 3
 TAU_MS = 0.944
 GAIN_UM = 0.05
-LACK = 5
+LACK = 6
 """Place of the count."""
 
 

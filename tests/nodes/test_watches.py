@@ -152,11 +152,19 @@ def test_a_plate_above_60_degrees_is_too_hot() -> None:
 
 
 def test_a_sensor_at_its_end_for_2_cycles_is_saturated() -> None:
-    assert seen(saturation=(64,)) == 0
-    assert seen(saturation=(64, 1)) == SATURATED
-    assert seen(saturation=(64, *[0] * 20, 64)) == 0
-    assert seen(saturation=(64, *[0] * 19, 64)) == 0
-    assert seen(saturation=(64, *[0] * 19, 64, 64)) == SATURATED
+    assert seen(saturation=(32,)) == 0
+    assert seen(saturation=(32, 1)) == SATURATED
+    assert seen(saturation=(32, *[0] * 20, 32)) == 0
+    assert seen(saturation=(32, *[0] * 19, 32)) == 0
+    assert seen(saturation=(32, *[0] * 19, 32, 32)) == SATURATED
+
+
+def test_pickup_at_its_end_for_6_cycles_is_saturated() -> None:
+    assert seen(saturation=(64,) * 5) == 0
+    assert seen(saturation=(64,) * 6) == SATURATED
+    # Ten lifts a second with three such cycles each.
+    assert seen(saturation=(64, 64, 64, *[0] * 97) * 20) == 0
+    assert seen(saturation=(64, 64, 64, *[0] * 7) * 4) == SATURATED
 
 
 def test_only_the_plate_of_the_calibration_will_do() -> None:

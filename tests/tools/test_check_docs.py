@@ -64,9 +64,9 @@ def test_a_link_to_nowhere_is_refused(tmp_path: Path) -> None:
     assert "nowhere.md" in printed
 
 
-@pytest.mark.parametrize(("page", "most"), [("how-to/a.md", 1200), ("reference/a.md", 25_000)])
-def test_a_long_page_is_refused(tmp_path: Path, page: str, most: int) -> None:
-    file = tmp_path / "docs" / page
+def test_a_long_page_is_refused(tmp_path: Path) -> None:
+    most = 1200
+    file = tmp_path / "docs" / "how-to" / "a.md"
     file.parent.mkdir(parents=True)
     row = "| a |\n"  # a word, and two strokes that are none
     for count, refused in ((most, 0), (most + 1, 1)):
