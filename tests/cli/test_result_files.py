@@ -142,7 +142,7 @@ def test_what_is_empty_or_hidden_is_no_result(tmp_path: Path) -> None:
     (folder / ".gitkeep").touch()
     succeed("reproduce", "fig3", "--json", file, "--output", folder)
     assert file.read_text() == (folder / "results.json").read_text()
-    assert set(content(folder)) == {".gitkeep", "results.json", "traces.csv"}
+    assert set(content(folder)) == {".gitkeep", "results.json"}
 
 
 def test_force_leaves_nothing_of_the_run_before_and_all_that_is_not_of_one(tmp_path: Path) -> None:
@@ -154,7 +154,7 @@ def test_force_leaves_nothing_of_the_run_before_and_all_that_is_not_of_one(tmp_p
     (folder / "notes.txt").write_text("mine")
     refusal("reproduce", "fig3", "--output", folder)
     succeed("reproduce", "fig3", "--output", folder, "--force")
-    assert set(content(folder)) == {"results.json", "traces.csv", "notes.txt"}
+    assert set(content(folder)) == {"results.json", "notes.txt"}
 
 
 def test_force_at_a_file(tmp_path: Path) -> None:

@@ -30,7 +30,7 @@ def test_a_driver_that_writes_and_reads_while_others_connect(
             volts = (volts + 1) % 50
             driver.voltage = volts
             assert driver.voltage == volts
-            with pytest.raises(RefusedError, match=r"500000 mV to Setpoint\.Voltage"):
+            with pytest.raises(RefusedError, match=r"voltage 500 V is above 200 V"):
                 driver.voltage = 500
             assert driver.message in whole
 

@@ -110,7 +110,7 @@ def test_it_drives_and_stops(virtual: dict[str, Any], node: StimulatorNode) -> N
         await until(pilot, screen, "state running")
         assert node.od["Mode display"].value == Mode.AMPLITUDE
         enter(screen, "amplitude 99")
-        await until(pilot, screen, "cannot write 99000 nm")
+        await until(pilot, screen, "amplitude 99 um is above 3 um")
         enter(screen, "dance")
         await until(pilot, screen, "'dance' is none of: mode NAME")
         enter(screen, "cof x")
@@ -241,9 +241,9 @@ def test_set_points_take_units_as_at_the_bench() -> None:
         ("law of nature", "'law of nature' is not of the form: law NAME"),
         ("reset now", "'reset now' is not of the form: reset"),
         ("stop", f"'stop' is none of: {HINT}"),
-        ("voltage 5 mm", "Setpoint.Voltage '5 mm' is no number with a unit like V"),
+        ("voltage 5 mm", "voltage '5 mm' is no number with a unit like V"),
         ("cof x", "cof 'x' is no number or percentage"),
-        ("frequency inf", "Setpoint.Frequency inf is not a finite number"),
+        ("frequency inf", "frequency inf is not a finite number"),
         ("mode texture", "cannot play: texture slot 1 is empty: a script sets bench.texture first"),
     ],
 )
