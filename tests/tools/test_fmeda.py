@@ -69,7 +69,7 @@ def test_the_page_agrees_with_the_summary(page: ModuleType) -> None:
 def test_the_summary_is_that_of_the_failures_and_the_promise_of_the_code(page: ModuleType) -> None:
     made = page.summed_up()
     assert made["promise"] == PROMISES._asdict()
-    assert set(made["failures"]) == {failure.name for failure in failures()}
+    assert set(made["failures"]) >= {failure.name for failure in failures()}
     assert sum(sweep["violations"] for sweep in made["sweeps"]) == 0
     assert made["healthy"]["false"] == 0
     assert sum(row["ended"] for row in made["lifts"]) == 0
