@@ -32,13 +32,9 @@ from smarttac_can.cli.shared import (
 )
 from smarttac_can.commissioning.dcf import make_dcf
 from smarttac_can.commissioning.node_ids import Identity, assign_node_id
-from smarttac_can.commissioning.scan import (
-    FoundDevice,
-    compare_reads,
-    stated_values,
-    write_dcf,
-)
+from smarttac_can.commissioning.scan import FoundDevice
 from smarttac_can.commissioning.scan import scan as scan_bus
+from smarttac_can.commissioning.values import compare_reads, stated_values, write_dcf
 from smarttac_can.conformance.case import Case, DeviceDescription, Failure
 from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.general import differences
