@@ -46,7 +46,13 @@ NrOfRXPDO={rx}
 NrOfTXPDO={tx}
 LSS_Supported=0
 {info}[DummyUsage]
+Dummy0001=0
+Dummy0002=0
+Dummy0003=0
+Dummy0004=0
 Dummy0005=1
+Dummy0006=0
+Dummy0007=0
 """
 _BASE = """[1000]
 ParameterName=Device type

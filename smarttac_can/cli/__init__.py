@@ -50,6 +50,7 @@ FAMILIES: Final = {
         "scan": _Command("commission", "List the devices on a bus."),
         "lss": _Command("commission", "Give a device its node-ID."),
         "eds": _Command("commission", "Check an EDS; make a DBC or DCF of it; load a DCF."),
+        "sdo": _Command("sdo", "Read or write one object of a device."),
         "device": _Command("nodes", "Run a simulated device of any EDS."),
         "conform": _Command("commission", "Test a CANopen device by its EDS."),
     },

@@ -16,11 +16,13 @@ from smarttac_can.cli.shared import (
     EDS_FILE,
     NODE_ID,
     OLD_FILE,
+    PACKAGED,
     SECONDS,
     BusChoice,
     bus_options,
     closing_network,
     force_option,
+    is_ours,
     json_options,
     load_file,
     naming,
@@ -30,11 +32,11 @@ from smarttac_can.cli.shared import (
     result_path,
     timeout_option,
 )
-from smarttac_can.commissioning.dcf import make_dcf
+from smarttac_can.commissioning.dcf import bit_rates, make_dcf
 from smarttac_can.commissioning.node_ids import Identity, assign_node_id
 from smarttac_can.commissioning.scan import FoundDevice
 from smarttac_can.commissioning.scan import scan as scan_bus
-from smarttac_can.commissioning.values import compare_reads, stated_values, write_dcf
+from smarttac_can.commissioning.values import compare_reads, stated_values, take_files, write_dcf
 from smarttac_can.conformance.case import Case, DeviceDescription, Failure
 from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.conformance.general import differences
@@ -47,14 +49,12 @@ from smarttac_can.host.files import (
     result_file,
 )
 from smarttac_can.master.errors import NodeNotFoundError
-from smarttac_can.od.cia import IDENTITY
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import Sections, load_eds, node_id_of, read_sections, write_out
 from smarttac_can.od.eds_check import check_eds, shown
 from smarttac_can.od.object_reference import LEGEND, object_reference
 from smarttac_can.vocabulary.meanings import EMERGENCIES, FIELDS
 
-PACKAGED = ("stimulator.eds", "plate.eds")
 _HEAD = ("node", "state", "name", "vendor", "product", "revision", "serial", "EDS")
 
 
@@ -192,8 +192,6 @@ def lss(
 
 
 _Made = TypeVar("_Made")
-_VENDOR_AND_PRODUCT = (1, 2)
-"""Sub-indices of the identity object."""
 
 eds_file = click.argument("file", type=EDS_FILE, metavar="EDS")
 _output_option = click.option(
@@ -257,17 +255,27 @@ def check(
     epilog="Example: smarttac eds load stimulator-32.dcf --interface socketcan --channel can0"
 )
 @click.argument("file", type=OLD_FILE, metavar="DCF")
-@click.option("--node-id", type=NODE_ID, help="Node-ID; that of the file unless given.")
+@click.option("--node-id", type=NODE_ID, help="Node-ID, for a DCF that states none.")
+@click.option(
+    "--any-device", is_flag=True, help="Also to a device of another vendor or product than the DCF."
+)
 @timeout_option
 @bus_options
 @json_options(bare=True)
 def load(
-    file: Path, node_id: int | None, timeout: float, bus: BusChoice, json_file: Path | None
+    *,
+    file: Path,
+    node_id: int | None,
+    any_device: bool,
+    timeout: float,
+    bus: BusChoice,
+    json_file: Path | None,
 ) -> None:
     """Write the values of a DCF to a device, and read them back; a refusal ends with exit code 1.
 
-    PDOs are written by the procedure of CiA 301. Nothing is stored permanently: write 1010h for
-    that.
+    The identity of the device is compared first. Communication parameters are written by the
+    procedures of CiA 301. A DownloadFile is written, too. Nothing is stored permanently: write
+    1010h for that.
     """
     with reporting(json_file) as write_results:
         with naming(file, ValueError):
@@ -279,15 +287,26 @@ def load(
             values = stated_values(od, sections)
             if not values:
                 raise ValueError("it states no value for the device: it is an EDS and no DCF")
+            take_files(values, sections, partial(_file_beside, file))
         with closing_network(bus) as network:
-            findings = list(write_dcf(network, od, sections, timeout))
-        rows = [{"section": shown(f.section), "message": f.message} for f in findings]
+            found = write_dcf(network, od, sections, timeout, any_device=any_device)
+            findings = list(found)
+        wrong = [finding for finding in findings if finding.error]
+        rows = [{"section": shown(f.section), "message": f.message} for f in wrong]
         lines = [one_line(f"{file}: {finding}") for finding in findings]
-        done = f"node {od.node_id}: {len(values)} values, {len(findings)} refused or otherwise"
+        done = f"node {od.node_id}: {len(values)} values, {len(wrong)} refused or otherwise"
         made = {"file": str(file), "node_id": od.node_id, "values": len(values), "findings": rows}
         write_results(made, [*lines, done])
-    if findings:
+    if wrong:
         raise SystemExit(1)
+
+
+def _file_beside(dcf: Path, name: str) -> bytes:
+    """Return the content of a file that a DCF names; one in another folder is refused."""
+    path = dcf.parent / name.replace("\\", "/")
+    if dcf.parent.resolve() not in path.resolve().parents:
+        raise ValueError(f"DownloadFile={name} is not in the folder of the DCF: copy it there")
+    return read_bounded(path, MAX_EDS_BYTES)
 
 
 @eds.command(epilog="Example: smarttac eds show stimulator --output stimulator.eds")
@@ -335,17 +354,8 @@ def dbc(file: Path, node_id: int | None, output: Path | None) -> None:
     with plain_errors():
         od = load_file(file, node_id)
         with naming(file, ValueError):
-            made = make_dbc(od, Names(FIELDS, EMERGENCIES) if _is_ours(od) else NO_NAMES)
+            made = make_dbc(od, Names(FIELDS, EMERGENCIES) if is_ours(od) else NO_NAMES)
         _write(made, output)
-
-
-def _is_ours(od: ObjectDictionary) -> bool:
-    """Return whether an EDS is that of a stimulator or plate, by vendor-ID and product code."""
-    ours = [load_eds(read_eds(name), od.node_id) for name in PACKAGED]
-    return any(
-        all(od.number(IDENTITY, sub) == known.number(IDENTITY, sub) for sub in _VENDOR_AND_PRODUCT)
-        for known in ours
-    )
 
 
 def _values(_ctx: click.Context, _param: click.Parameter, given: tuple[str, ...]) -> dict[str, str]:
@@ -386,6 +396,8 @@ def dcf(
 ) -> None:
     """Write the DCF of one device: the EDS with its node-ID, bit rate and values."""
     with plain_errors():
+        if not bit_rates(_made(file, lambda text: load_eds(text, node_id))):
+            click.echo(f"{file}: it lists no bit rate, so {bitrate} bit/s is not checked", err=True)
         made = _made(
             file,
             lambda text: make_dcf(

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager, suppress
 from enum import IntEnum
-from functools import reduce, wraps
+from functools import cache, reduce, wraps
 from math import isfinite
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -31,6 +31,7 @@ from smarttac_can.host.files import (
     StorageFile,
     packaged_eds,
     read_bounded,
+    read_eds,
     read_eds_file,
     reason,
     result_file,
@@ -38,7 +39,7 @@ from smarttac_can.host.files import (
 )
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.master.errors import BenchError
-from smarttac_can.od.cia import UNCONFIGURED
+from smarttac_can.od.cia import IDENTITY, UNCONFIGURED
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import EDSError, load_eds, node_id_of, read_sections
 
@@ -134,6 +135,7 @@ def _eds_path(value: str) -> Path:
 
 
 _PACKAGED_EDS = ("stimulator", "plate")
+PACKAGED = tuple(f"{name}.eds" for name in _PACKAGED_EDS)
 EDS_FILE = click.types.FuncParamType(_eds_path)
 EDS_FILE.name = "EDS"
 OLD_FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
@@ -216,6 +218,21 @@ def load_file(file: Path, node_id: int | None = None, absent: int = 1) -> Object
     with naming(file, ValueError):
         own = node_id_of(read_sections(text, []), node_id)
         return load_eds(text, absent if own is None else own)
+
+
+@cache
+def _own_identities() -> frozenset[tuple[int, int]]:
+    return frozenset(_kind(load_eds(read_eds(name), 1)) for name in PACKAGED)
+
+
+def _kind(od: ObjectDictionary) -> tuple[int, int]:
+    """Return vendor-ID and product code."""
+    return od.number(IDENTITY, 1), od.number(IDENTITY, 2)
+
+
+def is_ours(od: ObjectDictionary) -> bool:
+    """Return whether an EDS is that of a stimulator or plate, by vendor-ID and product code."""
+    return _kind(od) in _own_identities()
 
 
 def own_node_id(node_id: int | None, unconfigured: bool, file: Path | None = None) -> int | None:

@@ -80,6 +80,9 @@ def _pdos(
         if cob_id & (cia.COB_INVALID | cia.COB_EXTENDED) or not od.number(mapped):
             continue
         number = index - first + 1
+        if od.number(mapped) in cia.MULTIPLEXED:
+            yield _multiplexed(od, index, f"{node}_{kind}{number}", node, kind)
+            continue
         receivers = [node] if kind == "RPDO" else []
         places = list(_places(od, mapped, f"{kind} {number}"))
         signals = list(_signals(places, receivers, names))
@@ -92,6 +95,22 @@ def _pdos(
             senders=[node] if kind == "TPDO" else [],
             cycle_time=od.number(index, cia.PDO_EVENT) or None,
         )
+
+
+def _multiplexed(od: ObjectDictionary, index: int, name: str, node: str, kind: str) -> Message:
+    """Return the message of an MPDO, of which each frame names the object that it carries."""
+    receivers = [node] if kind == "RPDO" else []
+    places = {"Node": (0, 7), "To_destination": (7, 1), "Index": (8, 16), "Subindex": (24, 8)}
+    signals = [Signal(name, *place, receivers=receivers) for name, place in places.items()]
+    return Message(
+        od.number(index, cia.PDO_COB_ID) & cia.CAN_ID_MASK,
+        name,
+        cia.FRAME_BYTES,
+        [*signals, Signal("Data", 32, 32, receivers=receivers)],
+        comment="Multiplexed PDO: each frame names the object that it carries",
+        senders=[node] if kind == "TPDO" else [],
+        cycle_time=od.number(index, cia.PDO_EVENT) or None,
+    )
 
 
 def _places(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from configparser import ConfigParser, SectionProxy
 from configparser import Error as ConfigError
 from contextlib import suppress
@@ -11,7 +11,7 @@ from datetime import datetime
 from difflib import get_close_matches
 from io import StringIO
 from itertools import product
-from typing import Final
+from typing import Any, Final
 
 from smarttac_can.od.cia import IDENTITY, Abort, DataType, ObjectType
 from smarttac_can.od.dictionary import ObjectDictionary
@@ -26,6 +26,7 @@ _COMMISSIONING: Final = "DeviceComissioning"
 
 _SECTION: Final = re.compile(r"^([0-9a-f]{4})(?:sub([0-9a-f]{1,2}))?$", re.IGNORECASE)
 
+_VALUES: Final = re.compile(r"^[0-9a-f]{4}value$", re.IGNORECASE)
 _NUMBER_AND_UNIT: Final = re.compile(r"([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*(.*)", re.ASCII)
 _HINTS: Final = 3
 
@@ -52,7 +53,8 @@ def make_dcf(
     node_id
         Node-ID, 1..127.
     bit_rate
-        Bit rate in bit/s, one of those that the EDS lists for the device.
+        Bit rate in bit/s, one of those that the EDS lists for the device; any of CiA 301 if the
+        EDS lists none.
     values
         Values by name (``Setpoint.Voltage``) or section (``1017``, ``2010sub1``): raw values as
         in an EDS, or quantities with a unit, such as ``80 V``.
@@ -70,14 +72,14 @@ def make_dcf(
         the bit rate.
     """
     od = load_eds(text, node_id)
-    known = [rate for rate in _BIT_RATES if od.info.get(f"baudrate_{rate // 1000}") == "1"]
+    known = bit_rates(od) or _BIT_RATES
     if bit_rate not in known:
         listed = ", ".join(map(str, known))
         raise ValueError(f"bit rate {bit_rate} is none of the device's: {listed}")
     file = _parsed(text)
     _resolve_node_id(file, od)
     for name, value in values.items():
-        entry = _find(od, name)
+        entry = find_entry(od, name)
         raw = _raw(entry, value)
         _check(entry, raw, node_id, value)
         _set_value(file, od, entry, raw)
@@ -100,6 +102,12 @@ def make_dcf(
     written = StringIO()
     file.write(written, space_around_delimiters=False)
     return written.getvalue().rstrip("\n") + "\n"
+
+
+def bit_rates(od: ObjectDictionary) -> list[int]:
+    """Return the bit rates in bit/s that an EDS lists for the device, none in some files."""
+    listed = {rate: od.info.get(f"baudrate_{rate // 1000}", "") for rate in _BIT_RATES}
+    return [rate for rate, text in listed.items() if text.lower() not in ("", "0", "0x0")]
 
 
 def _parsed(text: str) -> ConfigParser:
@@ -148,9 +156,12 @@ def _resolve_node_id(file: ConfigParser, od: ObjectDictionary) -> None:
     """Write the numbers of ``$NODEID`` formulas, but keep values configured otherwise."""
     before = _lowered(_commissioning(file)).get("nodeid", "")
     for name in file.sections():
+        if _VALUES.match(name):
+            _resolve(file[name], file[name], od)
         found = _SECTION.match(name)
         if found is None:
             continue
+        _resolve(file[name], ("ParameterValue",), od)
         keys = _lowered(file[name])
         formula = keys.get("defaultvalue", "")
         if "$nodeid" not in formula.lower() or "compactsubobj" in keys:
@@ -170,7 +181,38 @@ def _resolve_node_id(file: ConfigParser, od: ObjectDictionary) -> None:
         _put(file[name], "ParameterValue", f"0x{number:X}")
 
 
-def _find(od: ObjectDictionary, name: str) -> Entry:
+def _resolve(section: SectionProxy, keys: Iterable[str], od: ObjectDictionary) -> None:
+    """Write the numbers of ``$NODEID`` formulas in values that the file gives already."""
+    values = _lowered(section)
+    for key in list(keys):
+        text = values.get(key.lower(), "")
+        if "$nodeid" in text.lower():
+            where = f"[{section.name}] {key}={text}"
+            number = parse_value(DataType.UNSIGNED32, text, od.node_id, where)
+            _put(section, key, f"0x{number:X}")
+
+
+def value_of(entry: Entry, given: str, node_id: int) -> Any:
+    """Return the raw value of an entry for a text: raw as in an EDS, or with a unit as ``80 V``.
+
+    Raises
+    ------
+    ValueError
+        It is no value of the entry, or outside its limits.
+    """
+    raw = _raw(entry, given)
+    _check(entry, raw, node_id, given)
+    return parse_value(entry.data_type, raw, node_id, entry.name)
+
+
+def find_entry(od: ObjectDictionary, name: str) -> Entry:
+    """Return the entry with a name, or of a section such as ``2010sub1``.
+
+    Raises
+    ------
+    ValueError
+        There is none, or more than one.
+    """
     if name in od:
         return od[name]
     found = _SECTION.match(name)

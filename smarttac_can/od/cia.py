@@ -153,6 +153,53 @@ class EmergencyCode(IntEnum):
     RPDO_TIME_OUT = 0x8250
 
 
+EMERGENCY_TEXT: Final = {
+    0x0000: "error reset or no error",
+    0x1000: "generic error",
+    0x2000: "current",
+    0x2100: "current, device input side",
+    0x2200: "current inside the device",
+    0x2300: "current, device output side",
+    0x3000: "voltage",
+    0x3100: "mains voltage",
+    0x3200: "voltage inside the device",
+    0x3300: "output voltage",
+    0x4000: "temperature",
+    0x4100: "ambient temperature",
+    0x4200: "device temperature",
+    0x5000: "device hardware",
+    0x6000: "device software",
+    0x6100: "internal software",
+    0x6200: "user software",
+    0x6300: "data set",
+    0x7000: "additional modules",
+    0x8000: "monitoring",
+    0x8100: "communication",
+    0x8110: "CAN overrun, objects lost",
+    0x8120: "CAN in error passive mode",
+    0x8130: "life guard or heartbeat error",
+    0x8140: "recovered from bus-off",
+    0x8150: "CAN-ID collision",
+    0x8200: "protocol error",
+    0x8210: "PDO not processed due to length error",
+    0x8220: "PDO length exceeded",
+    0x8230: "MPDO not processed, destination object not available",
+    0x8240: "unexpected SYNC data length",
+    0x8250: "RPDO time-out",
+    0x8260: "unexpected TIME data length",
+    0x9000: "external error",
+    0xF000: "additional functions",
+    0xFF00: "device specific",
+}
+"""Texts of the emergency error codes of CiA 301, tables 26 and 27, and of their classes."""
+
+
+def emergency_text(code: int) -> str:
+    """Return the text of an emergency error code, or that of the nearest class that has it."""
+    classes = (code, code & 0xFF00, code & 0xF000)
+    return next((EMERGENCY_TEXT[c] for c in classes if c in EMERGENCY_TEXT), "not known")
+
+
 class NMTCommand(IntEnum):
     """Command specifiers of NMT node control, CiA 301, 7.2.8.3.1."""
 
@@ -207,12 +254,15 @@ STORE_EDS: Final = 0x1021
 ERROR_BEHAVIOUR: Final = 0x1029
 SDO_SERVER_FIRST: Final = 0x1200
 SDO_SERVER_LAST: Final = 0x127F
+SDO_CLIENT_LAST: Final = 0x12FF
 RPDO_COMMUNICATION: Final = 0x1400
 RPDO_MAPPING: Final = 0x1600
 TPDO_COMMUNICATION: Final = 0x1800
 TPDO_MAPPING: Final = 0x1A00
 PDO_COUNT: Final = 0x200
 MOST_MAPPED: Final = 64
+MULTIPLEXED: Final = (0xFE, 0xFF)
+"""Numbers of mapped objects that make a PDO a multiplexed one: with a destination, or a source."""
 NMT_STARTUP: Final = 0x1F80
 
 # Sub-indices of the PDO communication parameter record.
@@ -246,6 +296,7 @@ TPDO_IDS: Final = (0x180, 0x280, 0x380, 0x480)
 RPDO_IDS: Final = (0x200, 0x300, 0x400, 0x500)
 SYNC_ID: Final = 0x080
 EMCY_ID: Final = 0x080
+TIME_ID: Final = 0x100
 SDO_TX_ID: Final = 0x580
 SDO_RX_ID: Final = 0x600
 HEARTBEAT_ID: Final = 0x700

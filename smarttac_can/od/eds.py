@@ -53,6 +53,8 @@ def read_sections(text: str, warnings: list[str]) -> Sections:
         A key has two different values, a line has a control character, or there are more than
         `MAX_LINES` lines, or `MAX_ODD` warnings.
     """
+    if text.removeprefix("\ufeff").lstrip().startswith(("<?xml", "<ISO15745")):
+        raise EDSError("it is XML, as an XDD of CiA 311, and no EDS: export an EDS from its editor")
     sections: Sections = {}
     current: Section | None = None
     name = ""
@@ -400,13 +402,16 @@ def load_eds(text: str, node_id: int) -> ObjectDictionary:
     warnings: list[str] = []
     sections = read_sections(text, warnings)
     _warn_about_characters(text, warnings)
-    implied = write_out(sections)
-    reader = _Reader(sections, node_id, warnings)
-    objects = [
-        item
-        for name in sections
-        if OBJECT.match(name) and (item := reader.object(name)) is not None
-    ]
+    try:
+        implied = write_out(sections)
+        reader = _Reader(sections, node_id, warnings)
+        objects = [
+            item
+            for name in sections
+            if OBJECT.match(name) and (item := reader.object(name)) is not None
+        ]
+    except EDSError as error:
+        raise EDSError(f"{_line_of(text, str(error))}{error}") from error.__cause__
     if not objects:
         raise EDSError("the file has no objects")
     reader.warn_about_leftovers({item.index for item in objects}, implied)
@@ -611,6 +616,20 @@ class _Reader:
             )
             text = taken
         return parse_value(data_type, text, self.node_id, f"[{section}] value {text!r}")
+
+
+def _line_of(text: str, message: str) -> str:
+    """Return ``line 7: `` for a message that begins with a section, and perhaps a key of it."""
+    found = re.match(r"\[(\w+)\]\s+(\w*)", message)
+    inside, where = False, ""
+    for number, raw in enumerate(text.removeprefix("\ufeff").splitlines(), 1):
+        line = raw.strip().lower()
+        if line.startswith("["):
+            inside = found is not None and line.startswith(f"[{found[1].lower()}]")
+            where = f"line {number}: " if inside and not where else where
+        elif inside and found and line.partition("=")[0].strip() == found[2].lower():
+            return f"line {number}: "
+    return where
 
 
 def _warn_about_characters(text: str, warnings: list[str]) -> None:

@@ -237,6 +237,8 @@ def _check_highest(name: str, section: dict[str, str], highest: int) -> Iterator
         yield Finding(name, "sub-index 0 is not UNSIGNED8")
     default = _integer(section.get("defaultvalue", ""))
     fixed = section.get("accesstype", "").lower() in ("const", "ro")
+    if cia.is_mapping(int(name[:4], 16)) and default in cia.MULTIPLEXED:
+        return
     if default is None:
         if fixed:
             yield Finding(name, "DefaultValue of sub-index 0 is missing")
@@ -439,8 +441,6 @@ def _right_list(index: int) -> str:
 
 _BITS: Final = 64
 _MOST_ENTRIES: Final = 64
-_MULTIPLEXED: Final = (254, 255)
-"""Numbers of mapped objects that denote a multiplexed PDO, which has no mapping of its own."""
 _KINDS: Final = (
     ("RPDO", cia.RPDO_COMMUNICATION, cia.RPDO_MAPPING),
     ("TPDO", cia.TPDO_COMMUNICATION, cia.TPDO_MAPPING),
@@ -496,7 +496,7 @@ def _check_communication(
 
 def _check_mapping(od: ObjectDictionary, kind: str, mapped: int) -> Iterator[Finding]:
     count = od.number(mapped)
-    if count in _MULTIPLEXED:
+    if count in cia.MULTIPLEXED:
         text = f"maps {count:X}h, so it is a multiplexed PDO: each frame names its object"
         yield Finding(f"{mapped:04x}sub0", text, error=False)
         return
@@ -577,7 +577,8 @@ def _findings(text: str, file_name: str) -> Iterator[Finding]:
     try:
         sections = read_sections(text, odd)
     except EDSError as error:
-        yield from _check_text(text)
+        if "XML" not in str(error):
+            yield from _check_text(text)
         yield Finding("", str(error))
         return
     if not _HEADS & sections.keys():
