@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator
 from contextlib import closing
+from datetime import datetime, timedelta
 from pathlib import Path
 from time import monotonic_ns
 from typing import Final
 
+import can
 import click
 
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
@@ -17,22 +19,29 @@ from smarttac_can.cli.shared import (
     OLD_FILE,
     BusChoice,
     bus_options,
+    is_ours,
     load_file,
     one_line,
     plain_errors,
 )
 from smarttac_can.device.frame import Frame
+from smarttac_can.device.lss import LSS_NAMES
 from smarttac_can.device.mapping import Direction, Mapping, compile_mapping
 from smarttac_can.device.nmt import STATES, NMTState
+from smarttac_can.host.can_socket import to_frame
 from smarttac_can.host.files import read_eds
-from smarttac_can.host.log_file import read_log
+from smarttac_can.host.log_file import read_messages
 from smarttac_can.host.process_signals import stop_on_signals
+from smarttac_can.od import cia
 from smarttac_can.od.cia import (
     CAN_ID_MASK,
     COB_INVALID,
+    EMCY_COB_ID,
     EMCY_ID,
     FRAME_BYTES,
     HEARTBEAT_ID,
+    LSS_MASTER_ID,
+    LSS_SLAVE_ID,
     NMT_ID,
     PDO_COB_ID,
     PDO_COUNT,
@@ -41,14 +50,23 @@ from smarttac_can.od.cia import (
     SDO_RX_ID,
     SDO_TX_ID,
     SYNC_ID,
+    TIME_ID,
     TPDO_COMMUNICATION,
     TPDO_MAPPING,
     Abort,
+    DataType,
     NMTCommand,
 )
+from smarttac_can.od.data_types import SIZES
 from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.od.eds import load_eds
-from smarttac_can.vocabulary.meanings import emergency_text, meaning, meaning_of_bytes
+from smarttac_can.vocabulary.meanings import (
+    FIELDS,
+    Names,
+    emergency_text,
+    meaning,
+    meaning_of_bytes,
+)
 
 _PACKAGED: Final = {STIMULATOR_ID: "stimulator.eds", PLATE_ID: "plate.eds"}
 _DIRECTIONS: Final = (
@@ -76,23 +94,42 @@ class FrameText:
     def __init__(self, nodes: Iterable[tuple[str, ObjectDictionary]]) -> None:
         self._names: dict[int, str] = {}
         self._ods: dict[int, ObjectDictionary] = {}
-        self._pdos: dict[int, list[tuple[str, Mapping]]] = {}
+        self._fields: dict[int, Names] = {}
+        self._pdos: dict[int, list[tuple[str, ObjectDictionary, Mapping | None]]] = {}
+        self._emcy: dict[int, int] = {}
         for name, od in nodes:
             self._names[od.node_id] = f"{name} {od.node_id}"
             self._ods[od.node_id] = od
+            self._fields[od.node_id] = FIELDS if is_ours(od) else {}
             self._add_pdos(self._names[od.node_id], od)
+            cob_id = od.number(EMCY_COB_ID, absent=COB_INVALID)
+            if not cob_id & COB_INVALID:
+                self._emcy[cob_id & CAN_ID_MASK] = od.node_id
+
+    def of_message(self, message: can.Message) -> str:
+        """Return the meaning of a message of a log in one line, also of one that is no CANopen."""
+        frame = to_frame(message)
+        if frame is not None:
+            return self.of(frame)
+        data = bytes(message.data).hex(" ")
+        if message.is_error_frame:
+            return f"error frame {data}".rstrip()
+        kind = "CAN FD frame" if message.is_fd else "frame with a 29-bit identifier"
+        return f"no CANopen: {kind} {'(remote)' if message.is_remote_frame else data}".rstrip()
 
     def of(self, frame: Frame) -> str:
         """Return the meaning of a frame in one line."""
         can_id, data = frame.can_id, frame.data
-        if can_id == SYNC_ID:
-            return f"SYNC {data[0]}" if data else "SYNC"
         if can_id == NMT_ID:
             return _nmt(data, self._names)
         if pdos := self._pdos.get(can_id):
-            return "; ".join(f"{name}: {_pdo(mapping, data)}" for name, mapping in pdos)
+            return "; ".join(f"{name}: {self._pdo(od, m, frame)}" for name, od, m in pdos)
+        if can_id in self._emcy:
+            return f"{self._names[self._emcy[can_id]]} {self._emergency(self._emcy[can_id], frame)}"
+        if can_id in _OF_ALL:
+            return _OF_ALL[can_id](data)
         for base, text_of in (
-            (EMCY_ID, _emergency),
+            (EMCY_ID, self._emergency),
             (SDO_TX_ID, self._answer),
             (SDO_RX_ID, self._request),
             (HEARTBEAT_ID, _heartbeat),
@@ -100,7 +137,7 @@ class FrameText:
             if can_id - base in _NODE_IDS:
                 node = can_id - base
                 return f"{self._names.get(node, f'node {node}')} {text_of(node, frame)}"
-        return "unknown"
+        return f"unknown {'(remote)' if frame.rtr else data.hex(' ')}".rstrip()
 
     def _add_pdos(self, name: str, od: ObjectDictionary) -> None:
         for kind, communication, mapping, direction in _DIRECTIONS:
@@ -108,9 +145,34 @@ class FrameText:
                 cob_id = od.get(communication + number, PDO_COB_ID)
                 if cob_id is None or cob_id.default & COB_INVALID:
                     continue
-                compiled = compile_mapping(od, mapping + number, direction)
+                try:
+                    compiled = compile_mapping(od, mapping + number, direction)
+                except Abort:  # a multiplexed PDO, or a mapping of what the EDS does not have
+                    compiled = None
                 same = self._pdos.setdefault(cob_id.default & CAN_ID_MASK, [])
-                same.append((f"{name} {kind} {number + 1}", compiled))
+                same.append((f"{name} {kind} {number + 1}", od, compiled))
+
+    def _pdo(self, od: ObjectDictionary, mapping: Mapping | None, frame: Frame) -> str:
+        data = frame.data
+        if frame.rtr:
+            return "is asked for"
+        if mapping is None or not mapping.size:
+            return f"{data.hex(' ')}, of a mapping that the EDS does not have"
+        if len(data) < mapping.size:
+            return f"{data.hex(' ')}, {mapping.size} bytes are mapped"
+        fields = self._fields[od.node_id]
+        values = zip(mapping.entries, mapping.read(data[: mapping.size]), strict=True)
+        return ", ".join(f"{entry.name} {meaning(entry, raw, fields)}" for entry, raw in values)
+
+    def _emergency(self, node: int, frame: Frame) -> str:
+        data = frame.data
+        code = int.from_bytes(data[:2], "little")
+        if self._fields.get(node):
+            return f"EMCY {code:04X}h: {emergency_text(code)}"
+        if len(data) != FRAME_BYTES:
+            return f"EMCY {data.hex(' ')}, no 8 bytes"
+        more = f", manufacturer {data[3:].hex(' ')}" if any(data[3:]) else ""
+        return f"EMCY {code:04X}h: {cia.emergency_text(code)}; error register {data[2]:02X}h{more}"
 
     def _request(self, node: int, frame: Frame) -> str:
         return f"is asked by SDO: {self._sdo(node, frame, ('write', 'read'))}"
@@ -132,7 +194,8 @@ class FrameText:
         specifier = command >> 5
         if specifier == carries and command & _EXPEDITED:
             size = 4 - (command >> 2 & 0b11) if command & _SIZED else 4
-            return f"{verbs[0]} {what} = {meaning_of_bytes(entry, data[4 : 4 + size])}"
+            value = meaning_of_bytes(entry, data[4 : 4 + size], self._fields.get(node, {}))
+            return f"{verbs[0]} {what} = {value}"
         if specifier == carries:
             return f"{verbs[0]} {what}, in segments"
         if specifier == (3 if answer else _UPLOAD):
@@ -148,9 +211,34 @@ def _nmt(data: bytes, names: dict[int, str]) -> str:
     return f"NMT {known[0].name.lower().replace('_', ' ')}: {who}"
 
 
-def _emergency(_node: int, frame: Frame) -> str:
-    code = int.from_bytes(frame.data[:2], "little")
-    return f"EMCY {code:04X}h: {emergency_text(code)}"
+def _sync(data: bytes) -> str:
+    return f"SYNC {data[0]}" if data else "SYNC"
+
+
+def _time(data: bytes) -> str:
+    if len(data) != SIZES[DataType.TIME_OF_DAY]:
+        return f"TIME {data.hex(' ')}, no 6 bytes"
+    milliseconds = int.from_bytes(data[:4], "little") & _MILLISECONDS
+    days = int.from_bytes(data[4:], "little")
+    moment = datetime(1984, 1, 1) + timedelta(days=days, milliseconds=milliseconds)
+    return f"TIME {moment.isoformat(' ', 'milliseconds')}"
+
+
+def _lss(data: bytes) -> str:
+    if len(data) != FRAME_BYTES:
+        return f"LSS {data.hex(' ')}, no 8 bytes"
+    name = LSS_NAMES.get(data[0], f"command {data[0]:02X}h")
+    return f"LSS {name}: {data[1:].hex(' ')}"
+
+
+_MILLISECONDS: Final = (1 << 28) - 1
+_OF_ALL: Final = {
+    SYNC_ID: _sync,
+    TIME_ID: _time,
+    LSS_MASTER_ID: _lss,
+    LSS_SLAVE_ID: _lss,
+}
+"""Services without a node, by their CAN-ID."""
 
 
 def _heartbeat(_node: int, frame: Frame) -> str:
@@ -162,13 +250,6 @@ def _heartbeat(_node: int, frame: Frame) -> str:
     if state == NMTState.INITIALISING:
         return "boot-up"
     return f"heartbeat, {STATES.get(state, state)}"
-
-
-def _pdo(mapping: Mapping, data: bytes) -> str:
-    if len(data) < mapping.size:
-        return f"{data.hex(' ')}, {mapping.size} bytes are mapped"
-    values = zip(mapping.entries, mapping.read(data[: mapping.size]), strict=True)
-    return ", ".join(f"{entry.name} {meaning(entry, raw)}" for entry, raw in values) or "empty"
 
 
 def _node_eds(
@@ -201,16 +282,27 @@ def _node_eds(
 def log(file: Path | None, eds_files: dict[int, Path], bus: BusChoice) -> None:
     """Show the frames of a log FILE in plain text, or those of a bus until Ctrl-C.
 
-    FILE is a candump, ASC, BLF, CSV or TRC. Identifiers and mappings are those of the EDS files:
-    what a master changes is not followed. Times are in s, from the first frame on.
+    FILE is what candump writes or shows, ASC, BLF, CSV or TRC. Identifiers and mappings are those
+    of the EDS files: what a master changes is not followed. Times are in s, from the first frame
+    on. Of a file, frames that are no CANopen are shown, too.
     """
     with plain_errors(ValueError):
         text = FrameText(_nodes(eds_files))
         first: int | None = None
-        for time, frame in read_log(file, _on_cut) if file else _live(bus):
+        if file is None:
+            shown = ((time, f"{frame.can_id:03X}", text.of(frame)) for time, frame in _live(bus))
+        else:
+            messages = read_messages(file, _on_cut)
+            shown = ((time, _identifier(m), text.of_message(m)) for time, m in messages)
+        for time, identifier, meant in shown:
             first = time if first is None else first
-            where = f"{(time - first) * 1e-6:12.6f}  {frame.can_id:03X}"
-            click.echo(f"{where}  {one_line(text.of(frame))}")
+            click.echo(f"{(time - first) * 1e-6:12.6f}  {identifier}  {one_line(meant)}")
+    if file is not None and first is None:
+        click.echo(f"{file} has no frames", err=True)
+
+
+def _identifier(message: can.Message) -> str:
+    return f"{message.arbitration_id:0{8 if message.is_extended_id else 3}X}"
 
 
 def _on_cut(line: str) -> None:

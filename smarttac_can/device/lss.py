@@ -40,6 +40,28 @@ FASTSCAN: Final = 0x51
 INQUIRE_IDENTITY: Final = range(0x5A, 0x5E)
 INQUIRE_NODE_ID: Final = 0x5E
 
+_PARTS: Final = ("vendor-ID", "product code", "revision number", "serial number")
+LSS_NAMES: Final = {
+    SWITCH_GLOBAL: "switch state global",
+    CONFIGURE_NODE_ID: "configure node-ID",
+    CONFIGURE_BIT_TIMING: "configure bit timing",
+    ACTIVATE_BIT_TIMING: "activate bit timing",
+    STORE: "store configuration",
+    **{
+        command: f"switch state selective, {part}"
+        for command, part in zip(SWITCH_SELECTIVE, _PARTS, strict=True)
+    },
+    SWITCHED: "selected",
+    **dict.fromkeys(IDENTIFY, "identify remote slave"),
+    IDENTIFY_UNCONFIGURED: "identify non-configured remote slave",
+    IDENTIFIED: "slave identified",
+    UNCONFIGURED_IDENTIFIED: "non-configured slave identified",
+    FASTSCAN: "fastscan",
+    **{command: f"inquire {part}" for command, part in zip(INQUIRE_IDENTITY, _PARTS, strict=True)},
+    INQUIRE_NODE_ID: "inquire node-ID",
+}
+"""Names of the commands of LSS, requests and answers, by their first byte."""
+
 _OUT_OF_RANGE: Final = 1
 _STORAGE_FAILED: Final = 2
 _FASTSCAN_START: Final = 0x80

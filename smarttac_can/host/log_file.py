@@ -6,7 +6,9 @@ A candump log has the format of ``candump -L`` (can-utils).
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+import re
+from collections.abc import Callable, Iterable, Iterator
+from datetime import UTC, datetime
 from io import TextIOWrapper
 from pathlib import Path
 from typing import Any, Final, TextIO
@@ -17,12 +19,72 @@ from smarttac_can.device.frame import Frame
 from smarttac_can.host.can_socket import to_frame
 from smarttac_can.host.files import open_regular
 from smarttac_can.host.frame_log import is_frame_log
+from smarttac_can.od.cia import FRAME_BYTES
 
+_CANDUMP_LINE: Final = re.compile(
+    r"(?:\((?P<time>[^()]+)\)\s+)?\S+\s+(?:(?:RX|TX)\s+\S+\s+\S+\s+)?(?P<id>[0-9A-F]{3,8})"
+    r"(?:#(?P<fd>#[0-9A-F])?(?P<packed>(?:[0-9A-F]{2}\.?)*)(?P<rtr>R[0-8]?)?(?:_[9A-F])?(?:\s+[RT])?"
+    r"|\s+[\[{]\s*(?P<size>[0-9A-F]{1,2})[\]}](?P<bytes>(?:\s+[0-9A-F]{2})*)"
+    r"(?P<remote>\s+remote request)?(?:\s+ERRORFRAME)?(?:\s+'.*')?)\s*$",
+    re.IGNORECASE,
+)
+"""A line of candump: of its log (``-L``), or as it shows a frame (``-t``, ``-x``, ``-a``)."""
+_EXPLAINED: Final = re.compile(r"\t\S|\s{8,}\S")
+"""Explanation that ``candump -e`` puts below an error frame."""
+_ERROR: Final = 0x20000000
+_EXTENDED_DIGITS: Final = 8
+FD_BYTES: Final = 64
 _LONGEST_LINE: Final = 1000
 _SHOWN: Final = 60
+
+
+def _candump(lines: Iterable[str]) -> Iterator[can.Message]:
+    """Read the lines of candump, in its log or as it shows them.
+
+    Raises
+    ------
+    ValueError
+        A line is none.
+    """
+    for line in lines:
+        if not line.strip() or _EXPLAINED.match(line):
+            continue
+        found = _CANDUMP_LINE.match(line.strip())
+        if found is None:
+            raise ValueError(line)
+        number = found["id"]
+        can_id = int(number, 16)
+        data = bytes.fromhex((found["bytes"] or found["packed"] or "").replace(".", ""))
+        # Of a CAN FD frame candump shows the length with two digits.
+        fd = found["fd"] is not None or len(found["size"] or "") > 1
+        if len(number) not in (3, 8) or len(data) > (FD_BYTES if fd else FRAME_BYTES):
+            raise ValueError(line)
+        remote = bool(found["rtr"] or found["remote"])
+        yield can.Message(
+            timestamp=_seconds(found["time"]),
+            arbitration_id=can_id & (_ERROR - 1),
+            is_extended_id=len(number) == _EXTENDED_DIGITS and not can_id & _ERROR,
+            is_error_frame=bool(can_id & _ERROR),
+            is_remote_frame=remote,
+            is_fd=fd,
+            dlc=None if not remote else 0,
+            data=data,
+        )
+
+
+def _seconds(text: str | None) -> float:
+    """Return the time of a line in s, absolute or relative, or a date; 0 without one."""
+    if text is None:
+        return 0.0
+    if "-" in text:
+        return datetime.fromisoformat(text).replace(tzinfo=UTC).timestamp()
+    return float(text)
+
+
 _CANDUMP: Final = ".log"
 _TEXT: Final[dict[str, Any]] = {
-    _CANDUMP: can.CanutilsLogReader,
+    _CANDUMP: _candump,
+    ".txt": _candump,
     ".asc": can.ASCReader,
     ".csv": can.CSVReader,
     ".trc": can.TRCReader,
@@ -63,20 +125,28 @@ class CandumpWriter:
 
 
 def read_log(path: Path, on_cut: OnCut | None = None) -> Iterator[tuple[int, Frame]]:
-    """Read a log frame by frame, in the format selected by its suffix.
+    """Read the CANopen frames of a log; error, extended and CAN FD frames are skipped.
+
+    Parameters, results and errors are those of `read_messages`.
+    """
+    return _frames(read_messages(path, on_cut))
+
+
+def read_messages(path: Path, on_cut: OnCut | None = None) -> Iterator[tuple[int, can.Message]]:
+    """Read a log message by message, in the format selected by its suffix.
 
     Parameters
     ----------
     path
-        Log in the format candump (``.log``), ASC, BLF, CSV or TRC.
+        Log in the format candump (``.log``, ``.txt``), ASC, BLF, CSV or TRC.
     on_cut
         Function called with a line for the user if the log is cut off, as after a killed logger;
         a last line that is cut is skipped. Without it, a log that is cut is an error.
 
     Yields
     ------
-    tuple of int and Frame
-        Time stamp in us, and the frame; error, extended and CAN FD frames are skipped.
+    tuple of int and can.Message
+        Time stamp in us, and the message.
 
     Raises
     ------
@@ -100,15 +170,22 @@ def read_log(path: Path, on_cut: OnCut | None = None) -> Iterator[tuple[int, Fra
 
 def read_candump(path: Path) -> Iterator[tuple[int, Frame]]:
     """Read a candump log with any suffix; otherwise as `read_log`, where a cut line is an error."""
-    return _read_text(path, _CANDUMP, None)
+    return _frames(_read_text(path, _CANDUMP, None))
 
 
-def _read_text(path: Path, suffix: str, on_cut: OnCut | None) -> Iterator[tuple[int, Frame]]:
+def _frames(messages: Iterator[tuple[int, can.Message]]) -> Iterator[tuple[int, Frame]]:
+    for time, message in messages:
+        frame = to_frame(message)
+        if frame is not None:
+            yield time, frame
+
+
+def _read_text(path: Path, suffix: str, on_cut: OnCut | None) -> Iterator[tuple[int, can.Message]]:
     with _Lines(path, on_cut) as lines:
         yield from _read(lines, _TEXT[suffix], lambda: lines.refusal(_kind(suffix)))
 
 
-def _read_blf(path: Path, on_cut: OnCut | None) -> Iterator[tuple[int, Frame]]:
+def _read_blf(path: Path, on_cut: OnCut | None) -> Iterator[tuple[int, can.Message]]:
     with open_regular(path) as file:
         stated = size = os.fstat(file.fileno()).st_size
 
@@ -134,11 +211,13 @@ def _read_blf(path: Path, on_cut: OnCut | None) -> Iterator[tuple[int, Frame]]:
 
 
 def _kind(suffix: str) -> str:
-    return "candump" if suffix == _CANDUMP else suffix[1:].upper()
+    return "candump" if _TEXT.get(suffix) is _candump else suffix[1:].upper()
 
 
-def _read(stream: Any, reader: Any, refusal: Callable[[], str]) -> Iterator[tuple[int, Frame]]:
-    """Convert messages of python-can to frames with their times in us.
+def _read(
+    stream: Any, reader: Any, refusal: Callable[[], str]
+) -> Iterator[tuple[int, can.Message]]:
+    """Yield the messages of a reader with their times in us.
 
     If the log cannot be read, `refusal` returns the text of the error.
     """
@@ -155,9 +234,7 @@ def _read(stream: Any, reader: Any, refusal: Callable[[], str]) -> Iterator[tupl
             raise ValueError(refusal()) from error
         if message is None:
             return
-        frame = to_frame(message)
-        if frame is not None:
-            yield time, frame
+        yield time, message
 
 
 class _Lines(TextIOWrapper):

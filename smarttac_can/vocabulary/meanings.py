@@ -34,7 +34,9 @@ def _flags(flags: Iterable[Status | Control]) -> tuple[BitField, ...]:
     return tuple(BitField(spoken(flag), flag.bit_length() - 1, 1, {}) for flag in flags)
 
 
-FIELDS: Final[Mapping[str, tuple[BitField, ...]]] = {
+Names = Mapping[str, tuple[BitField, ...]]
+"""Fields of the objects of a device whose values have names, by the name of the object."""
+FIELDS: Final[Names] = {
     "Statusword": (*_flags(Status), BitField("state", STATE_SHIFT, 3, _names(State))),
     "Controlword": _flags(Control),
     "Mode": (BitField("", 0, 8, _names(Mode)),),
@@ -47,11 +49,18 @@ EMERGENCIES: Final[Mapping[int, str]] = _names(EmergencyCode) | _names(FaultCode
 """Names of the emergency error codes of stimulator and plate."""
 
 
-def meaning(entry: Entry, raw: object) -> str:
-    """Return a value with its unit, a word as its bits, or a number with a name as that name."""
+def meaning(entry: Entry, raw: object, names: Names = FIELDS) -> str:
+    """Return a value with its unit, a word as its bits, or a number with a name as that name.
+
+    Parameters
+    ----------
+    names
+        Objects of the device whose values have names; those of stimulator and plate by default. An
+        object of another device may have the name of one of theirs.
+    """
     if not isinstance(raw, int):
         return repr(raw)
-    fields = FIELDS.get(entry.name, ())
+    fields = names.get(entry.name, ())
     if fields:
         parts = []
         unnamed = raw
@@ -69,11 +78,11 @@ def meaning(entry: Entry, raw: object) -> str:
     return entry.shown(raw)
 
 
-def meaning_of_bytes(entry: Entry | None, data: bytes) -> str:
+def meaning_of_bytes(entry: Entry | None, data: bytes, names: Names = FIELDS) -> str:
     """Return the meaning of a value on the wire, or its bytes if the entry cannot have it."""
     try:
         if entry is not None:
-            return meaning(entry, entry.unpack(data[: entry.size or None]))
+            return meaning(entry, entry.unpack(data[: entry.size or None]), names)
     except Abort:
         pass
     return data.hex(" ")

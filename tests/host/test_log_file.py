@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from smarttac_can.device.frame import Frame
-from smarttac_can.host.log_file import CandumpWriter, read_candump, read_log
+from smarttac_can.host.log_file import CandumpWriter, read_candump, read_log, read_messages
 
 STAMPS = st.integers(0, 2_000_000_000_000_000)
 IDS = st.integers(0, 0x7FF)
@@ -53,6 +53,61 @@ def test_log_of_python_can_and_foreign_frames(tmp_path: Path) -> None:
         (1_500_000, Frame(0x181, b"\x01")),
         (1_800_000, Frame(0x182, rtr=True)),
     ]
+
+
+@pytest.mark.parametrize(
+    ("line", "time"),
+    [
+        ("  can0  181   [2]  01 02", 0),
+        (" (1700000000.250000)  can0  181   [2]  01 02", 1_700_000_000_250_000),
+        (" (2023-11-14 22:13:20.250000)  can0  181   [2]  01 02", 1_700_000_000_250_000),
+        (" (000.250000)  can0  181   [2]  01 02", 250_000),
+        (" (000.250000)  can0  RX - -  181   [2]  01 02   '..'", 250_000),
+        ("(1.5) can0 181#0102", 1_500_000),
+        ("(1.5) can0 181#0102 R", 1_500_000),
+        ("vcan1  181   [2]  01 02", 0),
+    ],
+)
+def test_what_candump_shows_is_read(line: str, time: int, tmp_path: Path) -> None:
+    path = tmp_path / "pasted.txt"
+    path.write_text(f"\n{line}\n")
+    assert list(read_log(path)) == [(time, Frame(0x181, b"\x01\x02"))]
+
+
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ("  can0  181   [0]  remote request", Frame(0x181, rtr=True)),
+        ("(1.5) can0 181#R8", Frame(0x181, rtr=True)),
+        ("  can0  181   {F}  01 02 03 04 05 06 07 08", Frame(0x181, bytes(range(1, 9)))),
+        ("(1.5) can0 181#0102030405060708_F", Frame(0x181, bytes(range(1, 9)))),
+        ("  can0  181   [0]", Frame(0x181)),
+    ],
+)
+def test_lengths_that_candump_shows(line: str, told: Frame, tmp_path: Path) -> None:
+    path = tmp_path / "pasted.txt"
+    path.write_text(f"{line}\n")
+    assert [frame for _, frame in read_log(path)] == [told]
+
+
+@pytest.mark.parametrize(
+    ("line", "kind"),
+    [
+        ("  can0  00018100   [1]  01", "is_extended_id"),
+        ("  can0  181  [03]  01 02 03", "is_fd"),
+        (
+            "  can0  20000080   [2]  00 00   ERRORFRAME\n\tbus-off",
+            "is_error_frame",
+        ),
+    ],
+)
+def test_candump_shows_frames_that_are_no_canopen(line: str, kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "pasted.txt"
+    path.write_text(f"{line}\n")
+    ((_, message),) = read_messages(path)
+    kinds = ("is_extended_id", "is_fd", "is_error_frame")
+    assert [name for name in kinds if getattr(message, name)] == [kind]
+    assert list(read_log(path)) == []
 
 
 @pytest.mark.parametrize(
