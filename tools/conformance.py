@@ -3,7 +3,7 @@
     python tools/conformance.py [--check]
 
 Each device is built from tests/eds/rich.eds. Ours runs in device time, python-canopen's LocalNode
-and durand (`pip install durand`) in real time over python-can's virtual bus; some minutes in all.
+and durand (`pip install durand`) in real time over python-can's virtual bus; ten minutes in all.
 
 Example: python tools/conformance.py --check
 """
@@ -32,6 +32,7 @@ from pages import REFERENCE, Pages, made, renewed
 
 from smarttac_can.conformance.case import DeviceDescription, Result
 from smarttac_can.conformance.examiner import Examiner
+from smarttac_can.conformance.refusals import REFUSALS
 from smarttac_can.conformance.run import CASES, GROUPS, DeviceTimeBus, run_cases
 from smarttac_can.device.device import Device
 from smarttac_can.host.python_can import PythonCanBus
@@ -45,7 +46,7 @@ from smarttac_can.od.object_reference import table
 ROOT = Path(__file__).resolve().parent.parent
 EDS = ROOT / "tests" / "eds" / "rich.eds"
 NODE_ID = 5
-TIME_OUT_S = 0.15
+TIME_OUT_S = 0.5
 
 
 def ours(text: str) -> list[Result]:
@@ -156,7 +157,22 @@ def fields(columns: dict[str, list[Result]]) -> dict[str, str | Iterable[str]]:
         counts = Counter(result.verdict for result in results)
         rows.append((letter, name, *(str(counts[mark]) for mark in MARKS)))
     head = ("", "device", "pass", "fail", "not applicable")
-    return {"count": str(len(CASES)), "rows": table(head, *rows), "cases": case_tables(columns)}
+    return {
+        "count": str(len(CASES)),
+        "rows": table(head, *rows),
+        "refusals": refusal_table(),
+        "cases": case_tables(columns),
+    }
+
+
+def refusal_table() -> Iterator[str]:
+    """Return what a device refuses, and by which abort codes."""
+    head = ("Request", "Cases", "Accepted abort codes", "By")
+    rows = [
+        (row.what, row.cases, ", ".join(f"{code:08X}h" for code in row.codes), row.source)
+        for row in REFUSALS
+    ]
+    yield from table(head, *rows)
 
 
 def case_tables(columns: dict[str, list[Result]]) -> Iterator[str]:

@@ -38,7 +38,7 @@ from smarttac_can.commissioning.scan import FoundDevice
 from smarttac_can.commissioning.scan import scan as scan_bus
 from smarttac_can.commissioning.values import compare_reads, stated_values, take_files, write_dcf
 from smarttac_can.conformance.case import Case, DeviceDescription, Failure
-from smarttac_can.conformance.examiner import Examiner
+from smarttac_can.conformance.examiner import TIMEOUT_S, Examiner
 from smarttac_can.conformance.general import differences
 from smarttac_can.conformance.run import CASES, as_json, failed, line, markdown, run_cases, summary
 from smarttac_can.host.files import (
@@ -470,9 +470,10 @@ def _chosen(
 @click.option(
     "--timeout",
     type=SECONDS,
-    default=0.3,
+    default=TIMEOUT_S,
     show_default=True,
-    help="Longest time for an answer in s; all other times are multiples of it.",
+    help="Longest time for an answer in s, where CiA 301 has none. A start may take 2.5 times as "
+    "long.",
 )
 @click.option(
     "--case",
@@ -496,8 +497,9 @@ def conform(
 ) -> None:
     """Test a CANopen device by its EDS; the exit code is 1 if a case fails.
 
-    The device should be alone on the bus. It is reset before and after each case, and what is
-    writable is written: disconnect what must not move.
+    The device should be alone on the bus. It is reset before each case and at the end, and what is
+    writable is written: disconnect what must not move. A case that a device refuses by an unusual
+    abort code passes, with a remark.
     """
     with reporting(json_file) as write_results, ExitStack() as stack:
         page = None if report is None else stack.enter_context(result_file(report))

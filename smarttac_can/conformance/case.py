@@ -8,10 +8,15 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 from smarttac_can.od.cia import (
     CAN_ID_MASK,
+    COB_INVALID,
+    COB_NO_RTR,
+    COB_SYNC_PRODUCER,
     COMMUNICATION_LAST,
     DEVICE_NAME,
+    EMCY_COB_ID,
     EXPEDITED_BYTES,
     HEARTBEAT_CONSUMER,
+    NMT_STARTUP,
     PDO_COB_ID,
     PDO_COUNT,
     PDO_TRANSMISSION,
@@ -20,13 +25,14 @@ from smarttac_can.od.cia import (
     RPDO_MAPPING,
     STORE_PARAMETERS,
     SYNC_COB_ID,
+    SYNC_PERIOD,
     TPDO_COMMUNICATION,
     TPDO_MAPPING,
     VERIFY_CONFIGURATION,
     DataType,
 )
 from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.od.eds import load_eds, read_sections
+from smarttac_can.od.eds import load_eds, parse_integer, read_sections
 from smarttac_can.od.entry import Entry
 
 if TYPE_CHECKING:
@@ -109,16 +115,25 @@ class Result(NamedTuple):
         Reason for the verdict; empty for a pass.
     trace
         Last frames of a failed case, ``>`` to and ``<`` from the device.
+    remarks
+        What is unusual and no fault, such as a refusal by an abort code of another meaning.
     """
 
     case: Case
     verdict: str
     reason: str = ""
     trace: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
 
 
 COMMANDS: Final = frozenset({STORE_PARAMETERS, RESTORE_DEFAULTS})
 """Objects in which a write is a command, so that their values are never written back."""
+
+
+NO_AUTOSTART: Final = 4
+"""Bit 2 of 1F80h (CiA 302-2): the device does not enter OPERATIONAL by itself."""
+_REFUSES_WRITE, _REFUSES_READ = 1, 2
+"""Bits of ObjFlags (CiA 306): what a scan of the whole dictionary must leave out."""
 
 
 class Pdo(NamedTuple):
@@ -140,6 +155,7 @@ class DeviceDescription:
     """
 
     def __init__(self, text: str, node_id: int) -> None:
+        self.text = text
         self.od: ObjectDictionary = load_eds(text, node_id)
         self.node_id = node_id
         self.sections = read_sections(text, [])
@@ -163,12 +179,61 @@ class DeviceDescription:
         entry = self.od.get(index, subindex)
         return entry is not None and entry.writable
 
+    def limits(self, index: int, subindex: int, value: int) -> str | None:
+        """Return why a value is beyond the limits of the EDS for an entry, None if it is not."""
+        entry = self.od.entry(index, subindex)
+        if entry.low <= value <= entry.high:
+            return None
+        span = f"{entry.low:.0f} to {entry.high:.0f}"
+        return f"the EDS limits {index:04X}h:{subindex:02X} to {span}, this case writes {value}"
+
+    def _flags(self, entry: Entry) -> int:
+        """Return the ObjFlags of an entry, else those of its object."""
+        for name in (f"{entry.index:04x}sub{entry.subindex:x}", f"{entry.index:04x}"):
+            if flags := self.sections.get(name, {}).get("objflags"):
+                return parse_integer(flags, f"[{name}] ObjFlags")
+        return 0
+
+    def scans_write(self, entry: Entry) -> bool:
+        """Return whether a scan may write an entry: its ObjFlags do not refuse it."""
+        return not self._flags(entry) & _REFUSES_WRITE
+
+    def scans_read(self, entry: Entry) -> bool:
+        """Return whether a scan may read an entry: its ObjFlags do not refuse it."""
+        return not self._flags(entry) & _REFUSES_READ
+
+    @property
+    def starts_itself(self) -> bool:
+        """Whether the device enters OPERATIONAL by itself (1F80h, CiA 302-2)."""
+        return not self.od.number(NMT_STARTUP, absent=NO_AUTOSTART) & NO_AUTOSTART
+
+    @property
+    def produces_sync(self) -> bool:
+        """Whether the device produces SYNC by its default values."""
+        producer = self.od.number(SYNC_COB_ID) & COB_SYNC_PRODUCER
+        return bool(producer and self.od.number(SYNC_PERIOD))
+
+    @property
+    def sends_emcy(self) -> bool:
+        """Whether EMCY exists and is valid by its default value."""
+        return self.has(EMCY_COB_ID) and not self.od.number(EMCY_COB_ID) & COB_INVALID
+
+    @property
+    def pdo_ids(self) -> set[int]:
+        """CAN-IDs of all PDOs by their default values."""
+        pdos = self.tpdos + self.rpdos
+        return {self.od.number(pdo.communication, PDO_COB_ID) & CAN_ID_MASK for pdo in pdos}
+
+    def allows_rtr(self, pdo: Pdo) -> bool:
+        """Return whether a PDO allows remote frames by its default COB-ID (bit 30)."""
+        return not self.od.number(pdo.communication, PDO_COB_ID) & COB_NO_RTR
+
     def states_default(self, entry: Entry) -> bool:
         """Return whether the EDS states a default value of an entry."""
         for name in (f"{entry.index:04x}sub{entry.subindex:x}", f"{entry.index:04x}"):
             section = self.sections.get(name, {})
-            if section.get("defaultvalue") or section.get("parametervalue"):
-                return True
+            if value := section.get("defaultvalue") or section.get("parametervalue"):
+                return value.isascii()  # the bytes of other characters are not known
         values = self.sections.get(f"{entry.index:04x}value", {})
         return bool(values.get(str(entry.subindex)))
 
@@ -198,11 +263,15 @@ class DeviceDescription:
     def number_entries(self) -> list[Entry]:
         """Return the rw numbers of 4 bytes, those without side effects first."""
         harmless = [self.od.get(VERIFY_CONFIGURATION, 1), self.od.get(HEARTBEAT_CONSUMER, 1)]
-        words = (e for e in self.od if e.index > COMMUNICATION_LAST and e.high > e.low)
+        words = (e for e in self.od if e.index > COMMUNICATION_LAST)
         return [
             entry
             for entry in (*harmless, *words)
-            if entry is not None and entry.access == "rw" and entry.data_type == DataType.UNSIGNED32
+            if entry is not None
+            and entry.access == "rw"
+            and entry.data_type == DataType.UNSIGNED32
+            and entry.high > entry.low
+            and self.scans_write(entry)
         ]
 
     def long_entry(self) -> Entry | None:
@@ -220,6 +289,7 @@ class DeviceDescription:
                 if entry.index > COMMUNICATION_LAST
                 and entry.access == "rw"
                 and _length(entry) > EXPEDITED_BYTES
+                and self.scans_write(entry)
             ),
             None,
         )

@@ -5,14 +5,25 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 
+from smarttac_can.conformance import refusals
 from smarttac_can.conformance.case import COMMANDS, Failure, Group, NotApplicable, case
-from smarttac_can.conformance.examiner import OUT_OF_RANGE, Examiner, download, upload
-from smarttac_can.od.cia import ERROR_FIELD, Abort, AbortCode, DataType, ObjectType
+from smarttac_can.conformance.examiner import Examiner, download, upload
+from smarttac_can.od.cia import (
+    COMMUNICATION_LAST,
+    ERROR_FIELD,
+    Abort,
+    AbortCode,
+    DataType,
+    ObjectType,
+)
 from smarttac_can.od.data_types import REAL, SIGNED, SIZES, UNSIGNED, bounds, pack
 from smarttac_can.od.entry import Entry
 
 _SHOWN = 3
+_SHOWN_BYTES = 16
 _STRUCTURE = 0xFF
+_BY_STATE = (AbortCode.LOCAL_CONTROL, AbortCode.STATE)
+"""Aborts of an entry that takes values, but not in the present state of the device."""
 _ORDERED = {*SIGNED, *UNSIGNED, *REAL}
 
 
@@ -28,8 +39,14 @@ def where(entry: Entry) -> str:
     return f"{entry.index:04X}h:{entry.subindex:02X}"
 
 
+def _hex(data: bytes) -> str:
+    more = f" ... ({len(data)} bytes)" if len(data) > _SHOWN_BYTES else ""
+    return data[:_SHOWN_BYTES].hex(" ") + more
+
+
 def _readable(examiner: Examiner) -> list[Entry]:
-    return [e for e in examiner.sheet.od if e.readable and e.index not in COMMANDS]
+    sheet = examiner.sheet
+    return [e for e in sheet.od if e.readable and e.index not in COMMANDS and sheet.scans_read(e)]
 
 
 def _read(examiner: Examiner, entry: Entry) -> bytes | None:
@@ -51,11 +68,11 @@ def _values(examiner: Examiner, entries: Iterable[Entry]) -> Iterator[tuple[Entr
 
 @contextmanager
 def _refused(
-    examiner: Examiner, entry: Entry, faults: list[str], *codes: AbortCode
+    examiner: Examiner, entry: Entry, faults: list[str], refusal: refusals.Refusal
 ) -> Iterator[None]:
     """Add to the faults what is wrong with the refusal of an access to an entry in the block."""
     try:
-        with examiner.refused(where(entry), *codes):
+        with examiner.refused(where(entry), refusal):
             yield
     except Failure as failure:
         faults.append(str(failure))
@@ -101,7 +118,7 @@ def defaults(examiner: Examiner) -> None:
         and examiner.sheet.states_default(entry)
     ]
     faults = [
-        f"{where(entry)} is {data.hex(' ')}, the EDS says {wanted.hex(' ')}"
+        f"{where(entry)} is {_hex(data)}, the EDS says {_hex(wanted)}"
         for entry, data in _values(examiner, entries)
         if data != (wanted := pack(entry.data_type, entry.default))
     ]
@@ -111,10 +128,10 @@ def defaults(examiner: Examiner) -> None:
 @case(_od, 4, "Table 22: writing any of them is aborted by 06010002h.")
 def read_only(examiner: Examiner) -> None:
     """Read-only entries."""
-    entries = [e for e in examiner.sheet.od if not e.writable]
+    entries = [e for e in examiner.sheet.od if not e.writable and examiner.sheet.scans_write(e)]
     faults: list[str] = []
     for entry in entries:
-        with _refused(examiner, entry, faults, AbortCode.READ_ONLY):
+        with _refused(examiner, entry, faults, refusals.READ_ONLY):
             download(examiner, entry.index, entry.subindex, bytes(entry.size or 1))
     report(faults, len(entries))
 
@@ -122,12 +139,12 @@ def read_only(examiner: Examiner) -> None:
 @case(_od, 5, "Table 22: reading any of them is aborted by 06010001h.")
 def write_only(examiner: Examiner) -> None:
     """Write-only entries."""
-    entries = [e for e in examiner.sheet.od if not e.readable]
+    entries = [e for e in examiner.sheet.od if not e.readable and examiner.sheet.scans_read(e)]
     if not entries:
         raise NotApplicable("the EDS has no write-only entry")
     faults: list[str] = []
     for entry in entries:
-        with _refused(examiner, entry, faults, AbortCode.WRITE_ONLY):
+        with _refused(examiner, entry, faults, refusals.WRITE_ONLY):
             upload(examiner, entry.index, entry.subindex)
     report(faults, len(entries))
 
@@ -150,13 +167,14 @@ def limits(examiner: Examiner) -> None:
         and e.writable
         and e.index not in COMMANDS
         and (e.low, e.high) != bounds(e.data_type)
+        and examiner.sheet.scans_write(e)
     ]
     if not entries:
         raise NotApplicable("the EDS has no writable entry with limits")
     faults: list[str] = []
     for entry in entries:
         for data in _beyond(entry):
-            with _refused(examiner, entry, faults, *OUT_OF_RANGE):
+            with _refused(examiner, entry, faults, refusals.OUT_OF_RANGE):
                 download(examiner, entry.index, entry.subindex, data)
     report(faults, len(entries))
 
@@ -164,26 +182,30 @@ def limits(examiner: Examiner) -> None:
 @case(
     _od,
     7,
-    "A master that writes each rw entry back with its own value gets no abort, mappings apart.",
+    "CiA 306, 4.6: each rw entry above 1FFFh takes its own value back, unless ObjFlags refuse it.",
 )
 def write_back(examiner: Examiner) -> None:
     """Write-back."""
-    mappings = [p.mapping for p in examiner.sheet.tpdos + examiner.sheet.rpdos]
+    # The entries of communication have procedures of their own, which other cases examine.
     entries = [
         e
         for e in _readable(examiner)
-        if e.writable
+        if e.index > COMMUNICATION_LAST
+        and e.writable
         and e.data_type != DataType.DOMAIN
-        and not (e.index in mappings and e.subindex)
+        and examiner.sheet.scans_write(e)
     ]
-    faults = []
+    if not entries:
+        raise NotApplicable("the EDS has no rw entry above 1FFFh that a scan may write")
+    faults: list[str] = []
     for entry in entries:
         try:
             data = _read(examiner, entry)
             if data is not None:
                 download(examiner, entry.index, entry.subindex, data)
         except Abort as abort:
-            faults.append(f"{where(entry)} {abort}")
+            found = examiner.remarks if abort.code in _BY_STATE else faults
+            found.append(f"{where(entry)} {abort}")
     report(faults, len(entries))
 
 
@@ -216,14 +238,19 @@ def highest_subindex(examiner: Examiner) -> None:
 @case(_od, 9, "7.4.7.2: it gives data type and object code, or does not exist (06090011h).")
 def structure(examiner: Examiner) -> None:
     """Sub-index FFh."""
-    objects = [i for i in examiner.sheet.od.objects.values() if _STRUCTURE not in i.entries]
+    objects = [
+        item
+        for item in examiner.sheet.od.objects.values()
+        if _STRUCTURE not in item.entries
+        and examiner.sheet.scans_read(next(iter(item.entries.values())))
+    ]
     faults = []
     for item in objects:
         try:
             data = upload(examiner, item.index, _STRUCTURE)
         except Abort as abort:
-            if abort.code != AbortCode.NO_SUBINDEX:
-                faults.append(f"{item.index:04X}h:FF {abort}")
+            if abort.code not in refusals.NO_STRUCTURE.codes:
+                examiner.remarks.append(f"{item.index:04X}h:FF {abort}")
             continue
         if len(data) != SIZES[DataType.UNSIGNED32] or data[0] != item.object_type:
             faults.append(f"{item.index:04X}h:FF is {data.hex(' ')}, {item.object_type.name}")

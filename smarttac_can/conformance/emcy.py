@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from smarttac_can.conformance.case import Failure, Group, case, needs_object
+from smarttac_can.conformance import refusals
+from smarttac_can.conformance.case import DeviceDescription, Failure, Group, case, needs_object
 from smarttac_can.conformance.examiner import Examiner, download, number, upload, write_number
 from smarttac_can.od.cia import (
     CAN_ID_MASK,
@@ -15,7 +16,6 @@ from smarttac_can.od.cia import (
     HEARTBEAT_CONSUMER,
     HEARTBEAT_ID,
     LAST_NODE_ID,
-    AbortCode,
     EmergencyCode,
     ErrorRegister,
 )
@@ -25,13 +25,22 @@ from smarttac_can.od.cia import (
 WATCH_MS = 60
 _OPERATIONAL = b"\x05"
 
-needs_emcy = needs_object(EMCY_COB_ID)
 needs_consumer = needs_object(HEARTBEAT_CONSUMER, 1, writable=True)
 
 
+def needs_emcy(sheet: DeviceDescription) -> str | None:
+    """Require an EMCY that is valid by the default value of its COB-ID."""
+    if not sheet.has(EMCY_COB_ID):
+        return f"the EDS has no {EMCY_COB_ID:04X}h:00"
+    return None if sheet.sends_emcy else "the EDS has bit 31 of 1014h set: there is no EMCY"
+
+
 def other_node(examiner: Examiner) -> int:
-    """Return a node-ID other than that of the device."""
-    return LAST_NODE_ID - 1 if examiner.node_id == LAST_NODE_ID else LAST_NODE_ID
+    """Return a node-ID that is not the device's, and that it does not supervise by default."""
+    consumers = examiner.sheet.od.objects.get(HEARTBEAT_CONSUMER)
+    values = [] if consumers is None else consumers.entries
+    taken = {int(examiner.sheet.od.number(HEARTBEAT_CONSUMER, n)) >> 16 & 0x7F for n in values}
+    return max(set(range(1, LAST_NODE_ID + 1)) - taken - {examiner.node_id})
 
 
 def emcy_id(examiner: Examiner) -> int:
@@ -135,14 +144,12 @@ def clear_history(examiner: Examiner) -> None:
     def write(value: int) -> None:
         download(examiner, ERROR_FIELD, 0, bytes((value,)))
 
-    with examiner.refused("1 written to the history", AbortCode.VALUE, AbortCode.TOO_HIGH):
+    with examiner.refused("1 written to the history", refusals.OUT_OF_RANGE):
         write(1)
     write(0)
     if number(examiner, ERROR_FIELD):
         raise Failure("the history is not empty after it was cleared")
-    with examiner.refused(
-        "an empty place of the history", AbortCode.NO_DATA, AbortCode.NO_SUBINDEX
-    ):
+    with examiner.refused("an empty place of the history", refusals.NO_DATA):
         upload(examiner, ERROR_FIELD, 1)
 
 
@@ -161,7 +168,7 @@ def cob_id(examiner: Examiner) -> None:
         write_number(examiner, EMCY_COB_ID, 0, value ^ 0x100)
     write_number(examiner, EMCY_COB_ID, 0, value | COB_INVALID)
     watch(examiner)
-    examiner.silence(emcy_id(examiner), "EMCY that is disabled", WATCH_MS * 1e-3 + examiner.timeout)
+    examiner.silence(emcy_id(examiner), "EMCY that is disabled", WATCH_MS * 1e-3 + examiner.watch)
 
 
 @case(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from smarttac_can.conformance import refusals
 from smarttac_can.conformance.case import DeviceDescription, Failure, Group, case, needs_object
 from smarttac_can.conformance.emcy import (
     emcy_id,
@@ -20,7 +21,6 @@ from smarttac_can.od.cia import (
     HEARTBEAT_CONSUMER,
     HEARTBEAT_PRODUCER,
     LIFE_TIME_FACTOR,
-    AbortCode,
     EmergencyCode,
     NMTCommand,
 )
@@ -48,8 +48,11 @@ def heartbeat_can_end(sheet: DeviceDescription) -> str | None:
 
 
 def end_heartbeat(examiner: Examiner) -> None:
-    """Disable the heartbeat, so that guarding is possible."""
-    if examiner.sheet.od.number(HEARTBEAT_PRODUCER):
+    """Disable the heartbeat, so that guarding is possible, and a default life guarding."""
+    od = examiner.sheet.od
+    if od.number(GUARD_TIME) and od.number(LIFE_TIME_FACTOR):
+        write_number(examiner, GUARD_TIME, 0, 0)
+    if od.number(HEARTBEAT_PRODUCER):
         set_period(examiner, 0)
         examiner.settle()
 
@@ -161,9 +164,7 @@ def life_guarding_start(examiner: Examiner) -> None:
     """Start of life guarding."""
     end_heartbeat(examiner)
     start_life_guarding(examiner)
-    examiner.silence(
-        emcy_id(examiner), "EMCY before guarding began", LIFE_TIME_S + examiner.timeout
-    )
+    examiner.silence(emcy_id(examiner), "EMCY before guarding began", LIFE_TIME_S + examiner.watch)
 
 
 @case(_guard, 6, "7.2.8.3.2.1: reset communication sets it to 0.")
@@ -264,7 +265,7 @@ def consumer_twice(examiner: Examiner) -> None:
     """Consumer of one node twice."""
     value = other_node(examiner) << 16 | 5000
     write_number(examiner, HEARTBEAT_CONSUMER, 1, value)
-    with examiner.refused("a second watch over one node", AbortCode.PARAMETER):
+    with examiner.refused("a second watch over one node", refusals.TAKEN_NODE):
         write_number(examiner, HEARTBEAT_CONSUMER, 2, value)
 
 
@@ -328,20 +329,18 @@ def no_life_guarding(examiner: Examiner) -> None:
     set_period(examiner)
     examiner.drain()
     examiner.send(examiner.heartbeat_id, rtr=True)
-    examiner.silence(emcy_id(examiner), "EMCY of life guarding", LIFE_TIME_S + examiner.timeout)
+    examiner.silence(emcy_id(examiner), "EMCY of life guarding", LIFE_TIME_S + examiner.watch)
 
 
-@case(_both, 5, "7.2.8.3.3: whatever runs, the first frame after a reset is one boot-up.")
+@case(_both, 5, "7.2.8.3.3: whatever runs, one boot-up follows a reset.")
 def boot_up_with_heartbeat(examiner: Examiner) -> None:
     """Boot-up with error control on."""
     set_period(examiner)
     beats(examiner)
-    examiner.drain()
-    examiner.nmt(NMTCommand.RESET_COMMUNICATION)
-    arrivals = examiner.collect(examiner.heartbeat_id, 5 * examiner.timeout)
-    boot_ups = [arrival.frame.data for arrival in arrivals].count(BOOT_UP)
-    if boot_ups != 1:
-        raise Failure(f"{boot_ups} boot-ups after reset communication")
+    examiner.await_boot_up(NMTCommand.RESET_COMMUNICATION)
+    others = [arrival.frame.data for arrival in examiner.collect(examiner.heartbeat_id)]
+    if BOOT_UP in others:
+        raise Failure(f"{1 + others.count(BOOT_UP)} boot-ups after reset communication")
 
 
 @case(

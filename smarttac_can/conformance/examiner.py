@@ -9,7 +9,8 @@ from itertools import pairwise
 from time import monotonic, sleep
 from typing import Final, NamedTuple, Protocol
 
-from smarttac_can.conformance.case import DeviceDescription, Failure
+from smarttac_can.conformance.case import DeviceDescription, Failure, NotApplicable
+from smarttac_can.conformance.refusals import Refusal
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.bus import QueueFullError
 from smarttac_can.master.requests import ABORT
@@ -28,7 +29,15 @@ from smarttac_can.od.cia import (
 )
 
 _TRACE_LENGTH: Final = 24
-_BOOT_TIME_OUTS: Final = 10
+TIMEOUT_S: Final = 2.0
+"""Longest time in s for an answer, unless the caller gives another; CiA 301 has none."""
+# The other times of the suite follow from the time-out, but not below what any device needs. A
+# device may need longer to start than to answer: CiA's own tool waits 5 s after a reset.
+_BOOT: Final = 2.5
+_WATCH, _WATCH_S = 0.15, 0.3
+_PAUSE, _PAUSE_S = 0.05, 0.1
+_SUBCOMMAND_BITS: Final = {1: 0, 2: 0, 5: 3, 6: 1}
+"""Bits of an SDO request that are 0 in one that initiates a transfer, by its specifier."""
 _FULL_S: Final = 1e-3
 """Time in s for a full queue to drain."""
 
@@ -60,10 +69,19 @@ class Examiner:
     sheet
         EDS of the device.
     timeout
-        Longest time in s for an answer of the device, above 0. All other times of the suite are
-        multiples of it.
+        Longest time in s for an answer of the device, above 0. A device that answers is judged
+        without waiting for it.
     clock
         Function that returns the time in s that the bus uses.
+
+    Attributes
+    ----------
+    watch
+        Time in s for which a case watches that a frame does not come.
+    pause
+        Time in s that a device gets for what it does not confirm, such as an NMT command.
+    remarks
+        What is unusual and no fault, of the case that runs.
     """
 
     def __init__(
@@ -71,7 +89,7 @@ class Examiner:
         bus: ProbeBus,
         sheet: DeviceDescription,
         *,
-        timeout: float = 0.3,
+        timeout: float = TIMEOUT_S,
         clock: Callable[[], float] = monotonic,
     ) -> None:
         if timeout <= 0:
@@ -79,7 +97,11 @@ class Examiner:
         self.sheet = sheet
         self.node_id = sheet.node_id
         self.timeout = timeout
+        self.watch = max(_WATCH_S, _WATCH * timeout)
+        self.pause = max(_PAUSE_S, _PAUSE * timeout)
         self.trace: deque[str] = deque(maxlen=_TRACE_LENGTH)
+        self.remarks: list[str] = []
+        self._multiplexer = bytes(3)
         self._bus = bus
         self._clock = clock
 
@@ -127,8 +149,8 @@ class Examiner:
             yield Arrival(self._clock(), frame)
 
     def collect(self, can_id: int, duration: float | None = None) -> list[Arrival]:
-        """Return all frames with a CAN-ID within a duration in s, by default the time-out."""
-        wait = self.timeout if duration is None else duration
+        """Return all frames with a CAN-ID within a duration in s, by default `watch`."""
+        wait = self.watch if duration is None else duration
         return [arrival for arrival in self.arrivals(wait) if arrival.frame.can_id == can_id]
 
     def drain(self) -> None:
@@ -137,8 +159,8 @@ class Examiner:
             self.trace.append(f"< {_text(frame)}")
 
     def settle(self) -> None:
-        """Drop the frames that are received within a third of the time-out."""
-        for _ in self.arrivals(self.timeout / 3):
+        """Drop the frames that are received during a pause."""
+        for _ in self.arrivals(self.pause):
             pass
 
     def wait(self, can_id: int, timeout: float | None = None) -> Arrival | None:
@@ -158,13 +180,17 @@ class Examiner:
         """
         arrival = self.wait(can_id, timeout)
         if arrival is None:
-            limit = self.timeout if timeout is None else timeout
-            raise Failure(f"no {what} ({can_id:03X}h) within {limit:g} s")
+            limit = self._limit(self.timeout if timeout is None else timeout)
+            raise Failure(f"no {what} ({can_id:03X}h) within {limit}")
         return arrival.frame
 
+    def _limit(self, timeout: float) -> str:
+        """Return a time-out as text, with what it follows from."""
+        return f"{timeout:g} s (--timeout {self.timeout:g})"
+
     def silence(self, can_id: int, what: str, duration: float | None = None) -> None:
-        """Raise `Failure` if a frame with this CAN-ID is received within a duration in s."""
-        arrival = self.wait(can_id, duration)
+        """Raise `Failure` if a frame with this CAN-ID comes within a duration in s, or `watch`."""
+        arrival = self.wait(can_id, self.watch if duration is None else duration)
         if arrival is not None:
             raise Failure(f"unexpected {what}: {_text(arrival.frame)}")
 
@@ -184,13 +210,34 @@ class Examiner:
         self.settle()
 
     def reset(self, command: int = NMTCommand.RESET_NODE) -> None:
-        """Reset the device and wait for its boot-up message."""
+        """Reset the device and wait until it has started.
+
+        Raises
+        ------
+        Failure
+            No boot-up message comes.
+        """
+        self.await_boot_up(command)
+        self.settle()
+
+    def await_boot_up(self, command: int) -> None:
+        """Reset the device and wait for its boot-up message.
+
+        An NMT command is not confirmed, so error control frames may still be under way when it is
+        sent. They are passed over.
+        """
         self.drain()
         self.nmt(command)
-        boot_up = self.expect(self.heartbeat_id, "boot-up", _BOOT_TIME_OUTS * self.timeout)
-        if boot_up.data != BOOT_UP:
-            raise Failure(f"after a reset came {_text(boot_up)} instead of a boot-up")
-        self.settle()
+        instead = ""
+        timeout = _BOOT * self.timeout
+        for arrival in self.arrivals(timeout):
+            if arrival.frame.can_id != self.heartbeat_id or arrival.frame.rtr:
+                continue
+            if arrival.frame.data == BOOT_UP:
+                return
+            instead = f", but {_text(arrival.frame)}"
+        limit = self._limit(timeout)
+        raise Failure(f"no boot-up ({self.heartbeat_id:03X}h) within {limit}{instead}")
 
     def require_device(self) -> None:
         """Raise `Failure` unless the device responds to a reset or to SDO."""
@@ -218,7 +265,19 @@ class Examiner:
 
     def sdo_send(self, data: bytes) -> None:
         """Send an SDO request of up to 8 bytes, padded with zeros, without waiting."""
+        subcommand = data[0] & _SUBCOMMAND_BITS.get(data[0] >> 5, 0xFF)
+        if not subcommand:
+            self._multiplexer = data[1:4]
         self.send(SDO_RX_ID + self.node_id, data.ljust(FRAME_BYTES, b"\0"))
+
+    def abort_transfer(self) -> None:
+        """Abort the last transfer, which may still be open, by 08000000h."""
+        self.sdo_end(b"\x80" + self._multiplexer + AbortCode.GENERAL.to_bytes(4, "little"))
+
+    def sdo_end(self, data: bytes) -> None:
+        """Send an SDO frame that ends a transfer and has no answer; pause, so that it can act."""
+        self.sdo_send(data)
+        self.settle()
 
     def sdo_response(self, timeout: float | None = None) -> bytes:
         """Wait for the next SDO response and return its 8 bytes.
@@ -238,14 +297,14 @@ class Examiner:
         return data
 
     @contextmanager
-    def refused(self, what: str, *codes: AbortCode) -> Iterator[None]:
-        """Raise `Failure` unless an abort ends the block; if codes are given, one of them."""
+    def refused(self, what: str, refusal: Refusal | None = None) -> Iterator[None]:
+        """Raise `Failure` unless an abort ends the block; remark on a code not in the refusal."""
         try:
             yield
         except Abort as abort:
-            if codes and abort.code not in codes:
-                wanted = " or ".join(f"{code:08X}h" for code in codes)
-                raise Failure(f"{what}: {abort}, not {wanted}") from None
+            if refusal is not None and abort.code not in refusal.codes:
+                wanted = " or ".join(f"{code:08X}h" for code in refusal.codes)
+                self.remarks.append(f"{what}: {abort}, not {wanted}")
             return
         raise Failure(f"{what}: accepted")
 
@@ -257,8 +316,6 @@ def _text(frame: Frame) -> str:
 # SDO transfers of a client, with a check of each step.
 
 
-OUT_OF_RANGE = (AbortCode.VALUE, AbortCode.TOO_HIGH, AbortCode.TOO_LOW)
-"""Abort codes with which a device may refuse a value out of range."""
 _UPLOAD_RESPONSE = 2
 _SEGMENT = 7
 _LONGEST = 1 << 24
@@ -350,7 +407,21 @@ def number(examiner: Examiner, index: int, subindex: int = 0) -> int:
 
 
 def write_number(examiner: Examiner, index: int, subindex: int, value: int) -> None:
-    """Write an unsigned number with the length of the entry in the EDS."""
+    """Write an unsigned number with the length of the entry in the EDS.
+
+    Raises
+    ------
+    NotApplicable
+        The value is beyond the limits of the EDS, so that the device may refuse it.
+    """
+    reason = examiner.sheet.limits(index, subindex, value)
+    if reason is not None:
+        raise NotApplicable(reason)
+    try_number(examiner, index, subindex, value)
+
+
+def try_number(examiner: Examiner, index: int, subindex: int, value: int) -> None:
+    """Write an unsigned number as `write_number` does, also one beyond the limits of the EDS."""
     size = examiner.sheet.od.entry(index, subindex).size
     download(examiner, index, subindex, value.to_bytes(size, "little"))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
+from smarttac_can.conformance import refusals
 from smarttac_can.conformance.case import (
     COMMANDS,
     Failure,
@@ -16,10 +17,10 @@ from smarttac_can.conformance.case import (
 from smarttac_can.conformance.emcy import lose_node, needs_consumer, needs_emcy
 from smarttac_can.conformance.error_control import needs_producer, set_period
 from smarttac_can.conformance.examiner import (
-    OUT_OF_RANGE,
     Examiner,
     download,
     number,
+    try_number,
     upload,
     write_number,
 )
@@ -42,10 +43,10 @@ from smarttac_can.od.cia import (
     STORE_PARAMETERS,
     VERIFY_CONFIGURATION,
     Abort,
-    AbortCode,
     NMTCommand,
 )
 from smarttac_can.od.data_types import pack
+from smarttac_can.od.eds import load_eds
 
 UNIT_NOT_KNOWN = "taken as part of the name"
 _SAVE = b"save"
@@ -65,7 +66,11 @@ _has_restore = needs_object(RESTORE_DEFAULTS, 1)
 def eds_file(examiner: Examiner) -> None:
     """EDS file."""
     # The notation of units in names is a convention of this package, not a rule for EDS files.
-    faults = [w for w in examiner.sheet.od.warnings if not w.endswith(UNIT_NOT_KNOWN)]
+    # Characters that are not ASCII are common in files that CiA's own checker accepts.
+    ascii_only = examiner.sheet.text.encode("ascii", "replace").decode()
+    faults = load_eds(ascii_only, examiner.node_id).warnings
+    examiner.remarks += [w for w in examiner.sheet.od.warnings if w not in faults]
+    faults = [w for w in faults if not w.endswith(UNIT_NOT_KNOWN)]
     for index in (DEVICE_TYPE, ERROR_REGISTER, IDENTITY):
         if index not in examiner.sheet.od.objects:
             faults.append(f"mandatory {index:04X}h is missing")
@@ -118,9 +123,7 @@ def name_and_versions(examiner: Examiner) -> None:
 
 def _wrong_signatures(examiner: Examiner, index: int, signature: bytes) -> None:
     for wrong in (signature[::-1], signature.upper()):
-        with examiner.refused(
-            f"signature {wrong.hex(' ')}", AbortCode.STORE, AbortCode.LOCAL_CONTROL, AbortCode.STATE
-        ):
+        with examiner.refused(f"signature {wrong.hex(' ')}", refusals.SIGNATURE):
             download(examiner, index, 1, wrong)
 
 
@@ -173,7 +176,12 @@ def _values(examiner: Examiner) -> dict[tuple[int, int], bytes]:
     """Read all writable entries, to write them back after the defaults were restored."""
     values = {}
     for entry in examiner.sheet.od:
-        if entry.access == "rw" and entry.index not in COMMANDS:
+        if (
+            entry.access == "rw"
+            and entry.index not in COMMANDS
+            and examiner.sheet.scans_read(entry)
+            and examiner.sheet.scans_write(entry)
+        ):
             try:
                 values[entry.index, entry.subindex] = upload(examiner, entry.index, entry.subindex)
             except Abort:
@@ -257,14 +265,15 @@ def restricted_ids(examiner: Examiner) -> None:
     asked = 0
     for index, subindex in _cob_ids(examiner):
         cob_id = number(examiner, index, subindex)
+        if examiner.sheet.limits(index, subindex, cob_id | COB_INVALID) is not None:
+            continue
         write_number(examiner, index, subindex, cob_id | COB_INVALID)
         flags = cob_id & ~0x3FFFFFFF & ~COB_INVALID
         for can_id in _RESTRICTED:
             asked += 1
-            with examiner.refused(
-                f"CAN-ID {can_id:03X}h in {index:04X}h:{subindex:02X}", *OUT_OF_RANGE
-            ):
-                write_number(examiner, index, subindex, flags | can_id)
+            what = f"CAN-ID {can_id:03X}h in {index:04X}h:{subindex:02X}"
+            with examiner.refused(what, refusals.OUT_OF_RANGE):
+                try_number(examiner, index, subindex, flags | can_id)
     if not asked:
         raise NotApplicable("the EDS has no COB-ID to write")
 

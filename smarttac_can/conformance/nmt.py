@@ -15,7 +15,6 @@ from smarttac_can.od.cia import (
     DEVICE_TYPE,
     HEARTBEAT_PRODUCER,
     NMT_ID,
-    NMT_STARTUP,
     SDO_TX_ID,
     SYNC_COB_ID,
     DataType,
@@ -24,7 +23,6 @@ from smarttac_can.od.cia import (
 from smarttac_can.od.entry import Entry
 
 _PERIOD_MS = 50
-_NO_AUTOSTART = 4
 _NAMES: dict[int, str] = {state: state.name.replace("_", "-") for state in STATES.values()}
 
 
@@ -34,21 +32,27 @@ def _watch(examiner: Examiner) -> None:
 
 
 def _expect_state(examiner: Examiner, state: NMTState, when: str) -> None:
+    """Raise `Failure` unless the heartbeat has the state, at the latest after the time-out."""
     examiner.settle()
-    data = examiner.expect(examiner.heartbeat_id, "heartbeat").data
-    if data != bytes((state,)):
-        got = _NAMES.get(data[0], "unknown") if data else "empty"
-        raise Failure(f"{got} {when}, not {_NAMES[state]}")
+    data = b""
+    for arrival in examiner.arrivals(examiner.timeout):
+        if arrival.frame.can_id == examiner.heartbeat_id and not arrival.frame.rtr:
+            data = arrival.frame.data
+            if data == bytes((state,)):
+                return
+    got = _NAMES.get(data[0], "unknown state") if data else "no heartbeat"
+    limit = f"within {examiner.timeout:g} s (--timeout)"
+    raise Failure(f"{got} {when}, not {_NAMES[state]} {limit}")
 
 
-def _sync_answered(examiner: Examiner) -> bool | None:
-    """Return whether a TPDO of type 1 is sent at SYNC; None if there is no such TPDO."""
+def _sync_answered(examiner: Examiner, timeout: float) -> bool | None:
+    """Return whether a TPDO of type 1 is sent at SYNC in time; None if there is no such TPDO."""
     sheet = examiner.sheet
     if not sheet.has(SYNC_COB_ID) or not sheet.usable(sheet.tpdos):
         return None
     examiner.drain()
     examiner.sync()
-    return examiner.wait(can_id(examiner, tpdo(examiner))) is not None
+    return examiner.wait(can_id(examiner, tpdo(examiner)), timeout) is not None
 
 
 def _prepare(examiner: Examiner) -> None:
@@ -65,8 +69,8 @@ _state = Group("STATE", (needs_producer,))
 def after_boot_up(examiner: Examiner) -> None:
     """After boot-up."""
     _watch(examiner)
-    startup = examiner.sheet.od.number(NMT_STARTUP, absent=_NO_AUTOSTART)
-    state = NMTState.PRE_OPERATIONAL if startup & _NO_AUTOSTART else NMTState.OPERATIONAL
+    own = examiner.sheet.starts_itself
+    state = NMTState.OPERATIONAL if own else NMTState.PRE_OPERATIONAL
     _expect_state(examiner, state, "after boot-up")
 
 
@@ -76,7 +80,7 @@ def pre_operational(examiner: Examiner) -> None:
     _prepare(examiner)
     _expect_state(examiner, NMTState.PRE_OPERATIONAL, "after enter pre-operational")
     upload(examiner, DEVICE_TYPE)
-    if _sync_answered(examiner):
+    if _sync_answered(examiner, examiner.watch):
         raise Failure("TPDO in PRE-OPERATIONAL")
 
 
@@ -87,7 +91,7 @@ def operational(examiner: Examiner) -> None:
     examiner.enter(NMTCommand.START)
     _expect_state(examiner, NMTState.OPERATIONAL, "after start")
     upload(examiner, DEVICE_TYPE)
-    if _sync_answered(examiner) is False:
+    if _sync_answered(examiner, examiner.timeout) is False:
         raise Failure("no TPDO in OPERATIONAL")
 
 
@@ -99,7 +103,7 @@ def stopped(examiner: Examiner) -> None:
     _expect_state(examiner, NMTState.STOPPED, "after stop")
     examiner.sdo_send(b"\x40" + DEVICE_TYPE.to_bytes(2, "little"))
     examiner.silence(SDO_TX_ID + examiner.node_id, "SDO response in STOPPED")
-    if _sync_answered(examiner):
+    if _sync_answered(examiner, examiner.watch):
         raise Failure("TPDO in STOPPED")
 
 
@@ -139,7 +143,7 @@ def _parameter(examiner: Examiner) -> Entry | None:
             e
             for e in examiner.sheet.od
             if e.index > COMMUNICATION_LAST and e.access == "rw" and e.data_type in kinds
-            and e.high > e.low
+            and e.high > e.low and examiner.sheet.scans_write(e)
         ),
         None,
     )  # fmt: skip

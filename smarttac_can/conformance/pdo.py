@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
+from smarttac_can.conformance import refusals
 from smarttac_can.conformance.case import (
     Failure,
     Group,
@@ -17,7 +18,7 @@ from smarttac_can.conformance.case import (
     needs_sync,
     needs_tpdo,
 )
-from smarttac_can.conformance.emcy import expect_emcy
+from smarttac_can.conformance.emcy import expect_emcy, needs_emcy
 from smarttac_can.conformance.examiner import (
     LEAST,
     PERIODS,
@@ -25,6 +26,7 @@ from smarttac_can.conformance.examiner import (
     Examiner,
     mean_gap_ms,
     number,
+    try_number,
     upload,
     write_number,
 )
@@ -32,7 +34,7 @@ from smarttac_can.od.cia import (
     CAN_ID_MASK,
     COB_INVALID,
     COB_NO_RTR,
-    EMCY_COB_ID,
+    COB_SYNC_PRODUCER,
     EVENT_MANUFACTURER,
     FRAME_BYTES,
     PDO_COB_ID,
@@ -42,10 +44,10 @@ from smarttac_can.od.cia import (
     PDO_TRANSMISSION,
     RTR_EVENT,
     RTR_SYNC,
+    SYNC_COB_ID,
     SYNC_COUNTER,
     SYNC_PERIOD,
     Abort,
-    AbortCode,
     DataType,
     EmergencyCode,
     NMTCommand,
@@ -65,9 +67,20 @@ _NAMES = {
 }
 
 
-def tpdo(examiner: Examiner) -> Pdo:
-    """Return the first TPDO that can be configured."""
-    return examiner.sheet.usable(examiner.sheet.tpdos)[0]
+def tpdo(examiner: Examiner, *, rtr: bool | None = None) -> Pdo:
+    """Return the first TPDO that can be configured, for ``rtr`` one that allows remote frames.
+
+    Raises
+    ------
+    NotApplicable
+        Bit 30 of the COB-IDs in the EDS allows no remote frame.
+    """
+    pdos = examiner.sheet.usable(examiner.sheet.tpdos)
+    if rtr:
+        pdos = [pdo for pdo in pdos if examiner.sheet.allows_rtr(pdo)]
+        if not pdos:
+            raise NotApplicable("the EDS has bit 30 (no RTR) of the COB-ID of every TPDO set")
+    return pdos[0]
 
 
 def rpdo(examiner: Examiner) -> Pdo:
@@ -119,11 +132,17 @@ def configure(
 ) -> None:
     """Disable a PDO, write its parameters and enable it.
 
+    What the device starts by its default values is stopped first, and other parameters of the PDO
+    with a default value are set to 0: they could delay the PDO or trigger it.
+
     Raises
     ------
     NotApplicable
-        The EDS has no such parameter, or the device refuses the value.
+        The EDS has no such parameter or limits it, or the device refuses the value.
     """
+    if examiner.sheet.starts_itself:
+        examiner.enter(NMTCommand.ENTER_PRE_OPERATIONAL)
+    stop_sync(examiner)
     cob_id = disable(examiner, pdo)
     wanted = {
         PDO_TRANSMISSION: transmission,
@@ -133,6 +152,7 @@ def configure(
     }
     for subindex, value in wanted.items():
         if value is None:
+            _clear(examiner, pdo, subindex)
             continue
         if not examiner.sheet.writable(pdo.communication, subindex):
             raise NotApplicable(f"{pdo.communication:04X}h has no {_NAMES[subindex]} to write")
@@ -146,9 +166,39 @@ def configure(
     try:
         enable(examiner, pdo, cob_id)
     except Abort as abort:
-        if rtr:
-            raise NotApplicable(f"the device allows no RTR: {abort}") from None
+        if rtr is not None:
+            raise NotApplicable(f"the device keeps bit 30 (no RTR): {abort}") from None
         raise
+
+
+def _clear(examiner: Examiner, pdo: Pdo, subindex: int) -> None:
+    """Set a parameter of a PDO to 0 that has another default value, if the EDS allows it."""
+    sheet = examiner.sheet
+    if (
+        sheet.od.number(pdo.communication, subindex)
+        and sheet.writable(pdo.communication, subindex)
+        and sheet.limits(pdo.communication, subindex, 0) is None
+    ):
+        write_number(examiner, pdo.communication, subindex, 0)
+
+
+def stop_sync(examiner: Examiner) -> None:
+    """Stop the SYNC that a device produces by its default values, as the case sends its own.
+
+    Raises
+    ------
+    NotApplicable
+        The EDS has no way to stop it.
+    """
+    sheet = examiner.sheet
+    if not sheet.produces_sync:
+        return
+    silent = number(examiner, SYNC_COB_ID) & ~COB_SYNC_PRODUCER
+    for index, value in ((SYNC_PERIOD, 0), (SYNC_COB_ID, silent)):
+        if sheet.writable(index) and sheet.limits(index, 0, value) is None:
+            write_number(examiner, index, 0, value)
+            return
+    raise NotApplicable("the device produces SYNC, and the EDS has no way to stop it")
 
 
 def configure_rpdo(examiner: Examiner, pdo: Pdo, transmission: int) -> None:
@@ -159,7 +209,7 @@ def configure_rpdo(examiner: Examiner, pdo: Pdo, transmission: int) -> None:
 
 def started(examiner: Examiner, transmission: int, **parameters: Any) -> Pdo:
     """Configure the first TPDO with parameters of `configure`, and start the device."""
-    pdo = tpdo(examiner)
+    pdo = tpdo(examiner, rtr=parameters.get("rtr"))
     configure(examiner, pdo, transmission, **parameters)
     operational(examiner)
     return pdo
@@ -190,7 +240,12 @@ def changed(examiner: Examiner, pdo: Pdo) -> tuple[bytes, list[tuple[Entry, byte
     Returns
     -------
     tuple
-        Content, and the bytes of each entry that can be read back.
+        Content, and the bytes of each number that can be changed and read back.
+
+    Raises
+    ------
+    NotApplicable
+        There is no such number.
     """
     data = b""
     wanted = []
@@ -204,11 +259,13 @@ def changed(examiner: Examiner, pdo: Pdo) -> tuple[bytes, list[tuple[Entry, byte
         if entry.readable:
             part = upload(examiner, entry.index, entry.subindex)
             present = entry.unpack(part)
-            if isinstance(present, int | float):
+            if isinstance(present, int | float) and entry.high > entry.low:
                 value = present + 1 if present + 1 <= entry.high else present - 1
                 part = pack(entry.data_type, value)
-            wanted.append((entry, part))
+                wanted.append((entry, part))
         data += part
+    if not wanted:
+        raise NotApplicable("the RPDO carries no number that can be changed and read back")
     return data, wanted
 
 
@@ -242,7 +299,7 @@ def _first_sync(examiner: Examiner, pdo: Pdo, most: int) -> int:
     """
     for count in range(1, most + 1):
         examiner.sync()
-        if examiner.wait(can_id(examiner, pdo), examiner.timeout / 2) is not None:
+        if examiner.wait(can_id(examiner, pdo), examiner.watch) is not None:
             return count
     raise Failure(f"no TPDO after {most} SYNCs")
 
@@ -438,7 +495,7 @@ def reserved_types(examiner: Examiner) -> None:
     disable(examiner, pdo)
     for value in (241, 251):
         with examiner.refused(f"transmission type {value}"):
-            write_number(examiner, pdo.communication, PDO_TRANSMISSION, value)
+            try_number(examiner, pdo.communication, PDO_TRANSMISSION, value)
 
 
 @case(_tpdo, 16, "7.5.2.37: with bit 31 it is silent.", needs_sync)
@@ -459,13 +516,16 @@ def can_id_fixed(examiner: Examiner) -> None:
     cob_id = disable(examiner, pdo)
     enable(examiner, pdo, cob_id)
     with examiner.refused("another CAN-ID of a valid TPDO"):
-        write_number(examiner, pdo.communication, PDO_COB_ID, _moved(cob_id))
+        write_number(examiner, pdo.communication, PDO_COB_ID, _moved(examiner, cob_id))
     if number(examiner, pdo.communication, PDO_COB_ID) & CAN_ID_MASK != cob_id & CAN_ID_MASK:
         raise Failure("the refused CAN-ID was taken")
 
 
-def _moved(cob_id: int) -> int:
-    return cob_id & ~CAN_ID_MASK | (cob_id & CAN_ID_MASK) ^ 1
+def _moved(examiner: Examiner, cob_id: int) -> int:
+    """Return a COB-ID with a CAN-ID close to the present one that no PDO of the device has."""
+    taken = examiner.sheet.pdo_ids | {cob_id & CAN_ID_MASK}
+    near = next(n for n in range(1, 0x80) if (cob_id ^ n) & CAN_ID_MASK not in taken)
+    return cob_id ^ near
 
 
 @case(
@@ -475,7 +535,7 @@ def new_can_id(examiner: Examiner) -> None:
     """New CAN-ID."""
     pdo = tpdo(examiner)
     configure(examiner, pdo, 1)
-    moved = _moved(disable(examiner, pdo))
+    moved = _moved(examiner, disable(examiner, pdo))
     write_number(examiner, pdo.communication, PDO_COB_ID, moved | COB_INVALID)
     enable(examiner, pdo, moved)
     operational(examiner)
@@ -577,7 +637,7 @@ def too_short(examiner: Examiner) -> None:
     data, wanted = changed(examiner, pdo)
     examiner.drain()
     examiner.send(can_id(examiner, pdo), data[:-1])
-    if examiner.sheet.has(EMCY_COB_ID):
+    if examiner.sheet.sends_emcy:
         expect_emcy(examiner, EmergencyCode.PDO_LENGTH)
     if reads(examiner, wanted):
         raise Failure("RPDO taken that is too short")
@@ -586,8 +646,8 @@ def too_short(examiner: Examiner) -> None:
 @case(
     _rpdo,
     25,
-    "7.5.2.35: after the time without an RPDO comes EMCY 8250h; the next RPDO takes it back.",
-    needs_object(EMCY_COB_ID),
+    "7.5.2.35 and table 26: after the time without an RPDO comes EMCY 8250h.",
+    needs_emcy,
 )
 def deadline(examiner: Examiner) -> None:
     """RPDO deadline."""
@@ -597,8 +657,6 @@ def deadline(examiner: Examiner) -> None:
     data, _ = changed(examiner, pdo)
     examiner.send(can_id(examiner, pdo), data)
     expect_emcy(examiner, EmergencyCode.RPDO_TIME_OUT, _DEADLINE_MS * 1e-3 + examiner.timeout)
-    examiner.send(can_id(examiner, pdo), data)
-    expect_emcy(examiner, EmergencyCode.RESET)
 
 
 # Mapping: the defaults, and the procedure to change it.
@@ -606,9 +664,6 @@ def deadline(examiner: Examiner) -> None:
 
 _BITS = 64
 _PROCEDURE = "7.5.2.38: disable, number 0, entries, number, enable"
-_REFUSED = (AbortCode.NOT_MAPPABLE,)
-_PROTECTED = (AbortCode.ACCESS, AbortCode.NOT_MAPPABLE)
-_TOO_MUCH = (AbortCode.PDO_LENGTH, AbortCode.NOT_MAPPABLE, AbortCode.VALUE, AbortCode.TOO_HIGH)
 
 
 def _pdo(examiner: Examiner) -> Pdo:
@@ -732,7 +787,7 @@ def remap_out_of_order(examiner: Examiner) -> None:
         write(other)
     disable(examiner, pdo)
     for parameter, what in ((other, "new entry"), (present, "entry written back")):
-        with examiner.refused(f"{what} while the number is not 0", *_PROTECTED):
+        with examiner.refused(f"{what} while the number is not 0", refusals.MAPPING_ORDER):
             write(parameter)
 
 
@@ -742,8 +797,8 @@ def too_many(examiner: Examiner) -> None:
     pdo = _pdo(examiner)
     _open(examiner, pdo)
     most = max(examiner.sheet.od.objects[pdo.mapping].entries)
-    with examiner.refused(f"{most + 1} entries in a mapping of {most}", *_TOO_MUCH):
-        write_number(examiner, pdo.mapping, 0, most + 1)
+    with examiner.refused(f"{most + 1} entries in a mapping of {most}", refusals.TOO_MANY_ENTRIES):
+        try_number(examiner, pdo.mapping, 0, most + 1)
 
 
 @case(_mapping, 30, "7.5.2.38: more than 64 bits by 06040042h.")
@@ -755,9 +810,7 @@ def too_many_bits(examiner: Examiner) -> None:
     if not examiner.sheet.has(pdo.mapping, count):
         raise NotApplicable("the mapping has too few sub-indices for more than 64 bits")
     _open(examiner, pdo)
-    with examiner.refused(
-        f"{count} entries of {longest.size} bytes", AbortCode.PDO_LENGTH, AbortCode.NOT_MAPPABLE
-    ):
+    with examiner.refused(f"{count} entries of {longest.size} bytes", refusals.TOO_MANY_BITS):
         _map(examiner, pdo, [_parameter(longest)] * count)
 
 
@@ -767,12 +820,12 @@ def not_mappable(examiner: Examiner) -> None:
     pdo = _pdo(examiner)
     _open(examiner, pdo)
     absent = next(i for i in range(0xFFFF, 0, -1) if i not in examiner.sheet.od.objects)
-    with examiner.refused(f"mapping of {absent:04X}h", AbortCode.NO_OBJECT, AbortCode.NOT_MAPPABLE):
+    with examiner.refused(f"mapping of {absent:04X}h", refusals.NOT_MAPPABLE):
         _map(examiner, pdo, [absent << 16 | 8])
     plain = next((e for e in examiner.sheet.od if not e.pdo and e.size and e.readable), None)
     if plain is not None:
         write_number(examiner, pdo.mapping, 0, 0)
-        with examiner.refused(f"mapping of {plain.name}", *_REFUSED):
+        with examiner.refused(f"mapping of {plain.name}", refusals.NOT_MAPPABLE):
             _map(examiner, pdo, [_parameter(plain)])
 
 
@@ -794,7 +847,9 @@ def direction(examiner: Examiner) -> None:
                 asked += 1
                 parameter = _parameter(entry)
                 write_number(examiner, usable[0].mapping, 0, 0)
-                with examiner.refused(f"{kind} entry {entry.name} in a {name}", *_REFUSED):
+                with examiner.refused(
+                    f"{kind} entry {entry.name} in a {name}", refusals.NOT_MAPPABLE
+                ):
                     _map(examiner, usable[0], [parameter])
     if not asked:
         raise NotApplicable("the EDS has no mappable entry of one direction only")
@@ -820,5 +875,5 @@ def dummies(examiner: Examiner) -> None:
         raise Failure("the dummy does not read as written")
     pdo = _pdo(examiner)
     _open(examiner, pdo)
-    with examiner.refused("dummy in a TPDO", AbortCode.NO_OBJECT, *_REFUSED):
+    with examiner.refused("dummy in a TPDO", refusals.NOT_MAPPABLE):
         _map(examiner, pdo, [parameter])

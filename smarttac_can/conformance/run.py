@@ -22,9 +22,10 @@ from smarttac_can.conformance.examiner import Examiner
 from smarttac_can.device.frame import Frame
 from smarttac_can.host.local_bus import LocalBus
 from smarttac_can.host.node import Node
-from smarttac_can.od.cia import Abort, AbortCode
+from smarttac_can.od.cia import Abort
 from smarttac_can.od.object_reference import table
 
+_SHOWN: Final = 3
 _STEP_US: Final = 1000
 """Time in us that passes between two checks for frames."""
 
@@ -97,7 +98,7 @@ CASES: Final = tuple(
 def run_cases(
     examiner: Examiner, cases: Iterable[Case], on_result: Callable[[Result], None] | None = None
 ) -> list[Result]:
-    """Examine a device, which is reset before and after each case.
+    """Examine a device, which is reset before each case and at the end.
 
     Parameters
     ----------
@@ -110,11 +111,14 @@ def run_cases(
         The bus carries no more frames.
     """
     results = []
-    for case in cases:
-        result = _run(examiner, case)
-        results.append(result)
-        if on_result is not None:
-            on_result(result)
+    try:
+        for case in cases:
+            result = _run(examiner, case)
+            results.append(result)
+            if on_result is not None:
+                on_result(result)
+    finally:
+        _reset(examiner)
     return results
 
 
@@ -125,15 +129,16 @@ def _run(examiner: Examiner, case: Case) -> Result:
             return Result(case, "not applicable", reason)
     _reset(examiner)
     examiner.trace.clear()
+    examiner.remarks.clear()
     try:
         case.check(examiner)
     except NotApplicable as refusal:
         return Result(case, "not applicable", str(refusal))
     except (Failure, Abort) as failure:
-        return Result(case, "fail", str(failure), tuple(examiner.trace))
-    finally:
-        _reset(examiner)
-    return Result(case, "pass")
+        return Result(
+            case, "fail", str(failure), tuple(examiner.trace), remarks=tuple(examiner.remarks)
+        )
+    return Result(case, "pass", remarks=tuple(examiner.remarks))
 
 
 def _reset(examiner: Examiner) -> None:
@@ -141,7 +146,7 @@ def _reset(examiner: Examiner) -> None:
 
     A transfer that a failed case left open is aborted, as not every device drops it in a reset.
     """
-    examiner.sdo_send(b"\x80\0\0\0" + AbortCode.GENERAL.to_bytes(4, "little"))
+    examiner.abort_transfer()
     try:
         examiner.reset()
     except Failure:
@@ -158,14 +163,27 @@ _SHORT = {"pass": "pass", "fail": "FAIL", "not applicable": "n/a"}
 
 def line(result: Result) -> str:
     """Return the line of text with the result of one case."""
-    reason = f": {result.reason}" if result.reason else ""
-    return f"{_SHORT[result.verdict]:4}  {result.case.number:8}  {result.case.title}{reason}"
+    found = "; ".join(_found(result))
+    return f"{_SHORT[result.verdict]:4}  {result.case.number:8}  {result.case.title}" + (
+        f": {found}" if found else ""
+    )
+
+
+def _found(result: Result) -> Iterator[str]:
+    """Yield the reason for a verdict, and the first few remarks."""
+    if result.reason:
+        yield result.reason
+    yield from (f"remark: {remark}" for remark in result.remarks[:_SHOWN])
+    if len(result.remarks) > _SHOWN:
+        yield f"{len(result.remarks) - _SHOWN} more remarks"
 
 
 def summary(results: Sequence[Result]) -> str:
-    """Return a text with the number of cases for each verdict."""
+    """Return a text with the number of cases for each verdict, and of those with a remark."""
     counts = Counter(result.verdict for result in results)
-    return ", ".join(f"{counts[verdict]} {verdict}" for verdict in _SHORT)
+    text = ", ".join(f"{counts[verdict]} {verdict}" for verdict in _SHORT)
+    remarked = sum(bool(result.remarks) for result in results)
+    return text + (f"; {remarked} with a remark" if remarked else "")
 
 
 def as_json(results: Sequence[Result], device: str) -> dict[str, Any]:
@@ -180,6 +198,7 @@ def as_json(results: Sequence[Result], device: str) -> dict[str, Any]:
                 "rule": result.case.rule,
                 "verdict": result.verdict,
                 "reason": result.reason,
+                "remarks": list(result.remarks),
                 "trace": list(result.trace),
             }
             for result in results
@@ -200,7 +219,10 @@ def _markdown(results: Sequence[Result], device: str) -> Iterator[str]:
         if not chosen:
             continue
         yield f"## {title}\n"
-        rows = [(case.number, case.title, case.rule, *found) for case, *found, _ in chosen]
+        rows = [
+            (r.case.number, r.case.title, r.case.rule, r.verdict, "; ".join(_found(r)))
+            for r in chosen
+        ]
         yield from table(("Case", "Title", "Rule", "Verdict", "Reason"), *rows)
         for result in chosen:
             if result.trace:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 
+from smarttac_can.conformance import refusals
 from smarttac_can.conformance.case import (
     Failure,
     Group,
@@ -15,29 +16,30 @@ from smarttac_can.conformance.case import (
 )
 from smarttac_can.conformance.emcy import expect_emcy, needs_emcy
 from smarttac_can.conformance.examiner import (
-    OUT_OF_RANGE,
     Arrival,
     Examiner,
     number,
     periodic,
+    try_number,
     write_number,
 )
-from smarttac_can.conformance.pdo import can_id, operational, started
+from smarttac_can.conformance.pdo import can_id, operational, started, stop_sync
 from smarttac_can.od.cia import (
     CAN_ID_MASK,
     COB_SYNC_PRODUCER,
+    EMCY_COB_ID,
     SYNC_COB_ID,
     SYNC_COUNTER,
     SYNC_PERIOD,
     SYNC_WINDOW,
     Abort,
-    AbortCode,
     EmergencyCode,
     NMTCommand,
 )
 
 _PERIOD_MS = 50
-_OTHER_ID = 0x0A5
+_OTHER_IDS = (0x0A5, 0x0A6)
+"""CAN-IDs for SYNC, of which at most one is that of the device's EMCY."""
 _has_writable = needs_object(SYNC_COB_ID, writable=True)
 _has_period = needs_object(SYNC_PERIOD, writable=True)
 _has_counter = needs_object(SYNC_COUNTER, writable=True)
@@ -72,12 +74,15 @@ def consumer(examiner: Examiner) -> None:
 )
 def new_can_id(examiner: Examiner) -> None:
     """New CAN-ID."""
-    old = examiner.sync_id
-    write_number(examiner, SYNC_COB_ID, 0, _OTHER_ID)
+    old, new = examiner.sync_id, _other_id(examiner)
+    stop_sync(examiner)
+    if examiner.sheet.od.number(SYNC_COB_ID) & COB_SYNC_PRODUCER:
+        write_number(examiner, SYNC_COB_ID, 0, old)
+    write_number(examiner, SYNC_COB_ID, 0, new)
     pdo = started(examiner, 1)
     payload = b"\x01" if examiner.sheet.od.number(SYNC_COUNTER) else b""
-    examiner.send(_OTHER_ID, payload)
-    examiner.expect(can_id(examiner, pdo), f"TPDO at SYNC under {_OTHER_ID:03X}h")
+    examiner.send(new, payload)
+    examiner.expect(can_id(examiner, pdo), f"TPDO at SYNC under {new:03X}h")
     examiner.send(old, payload)
     examiner.silence(can_id(examiner, pdo), "TPDO at SYNC under the old CAN-ID")
 
@@ -86,8 +91,13 @@ def new_can_id(examiner: Examiner) -> None:
 def restricted_ids(examiner: Examiner) -> None:
     """Restricted CAN-IDs."""
     for value in (0x000, 0x001, 0x101, 0x581, 0x601, 0x701):
-        with examiner.refused(f"CAN-ID {value:03X}h for SYNC", *OUT_OF_RANGE):
-            write_number(examiner, SYNC_COB_ID, 0, value)
+        with examiner.refused(f"CAN-ID {value:03X}h for SYNC", refusals.OUT_OF_RANGE):
+            try_number(examiner, SYNC_COB_ID, 0, value)
+
+
+def _other_id(examiner: Examiner) -> int:
+    emcy = examiner.sheet.od.number(EMCY_COB_ID) & CAN_ID_MASK
+    return next(can_id for can_id in _OTHER_IDS if can_id != emcy)
 
 
 def free_counter(examiner: Examiner) -> None:
@@ -131,7 +141,7 @@ def can_id_fixed(examiner: Examiner) -> None:
     """CAN-ID of a producer."""
     _produce(examiner)
     with examiner.refused("CAN-ID of a SYNC producer"):
-        write_number(examiner, SYNC_COB_ID, 0, _OTHER_ID | COB_SYNC_PRODUCER)
+        write_number(examiner, SYNC_COB_ID, 0, _other_id(examiner) | COB_SYNC_PRODUCER)
     if number(examiner, SYNC_COB_ID) & CAN_ID_MASK != examiner.sync_id:
         raise Failure("the refused CAN-ID was taken")
 
@@ -174,12 +184,12 @@ def overflow_value(examiner: Examiner) -> None:
     """Overflow value."""
     free_counter(examiner)
     for value in (1, 241, 255):
-        with examiner.refused(f"overflow value {value}", *OUT_OF_RANGE):
-            write_number(examiner, SYNC_COUNTER, 0, value)
+        with examiner.refused(f"overflow value {value}", refusals.OUT_OF_RANGE):
+            try_number(examiner, SYNC_COUNTER, 0, value)
     if not examiner.sheet.writable(SYNC_PERIOD):
         return
     write_number(examiner, SYNC_PERIOD, 0, 1000 * _PERIOD_MS)
-    with examiner.refused("overflow value while the period is not 0", AbortCode.STATE):
+    with examiner.refused("overflow value while the period is not 0", refusals.PERIOD_SET):
         write_number(examiner, SYNC_COUNTER, 0, 10)
 
 
@@ -212,6 +222,7 @@ def window(examiner: Examiner) -> None:
 )
 def wrong_length(examiner: Examiner) -> None:
     """Wrong length."""
+    stop_sync(examiner)
     operational(examiner)
     examiner.drain()
     examiner.send(examiner.sync_id, b"" if examiner.sheet.od.number(SYNC_COUNTER) else b"\x01")

@@ -97,7 +97,8 @@ def test_a_report_that_cannot_be_written_is_refused_before_a_bus_is_opened(
 def test_no_device_ends_after_one_probe(conform: Conform, virtual: dict[str, Any]) -> None:
     result = conform("--timeout", "0.01")
     where = f"virtual:{virtual['channel']}"
-    said = f"node 9 does not answer on {where}: no SDO response (589h) within 0.01 s"
+    late = "no SDO response (589h) within 0.01 s (--timeout 0.01)"
+    said = f"node 9 does not answer on {where}: {late}"
     assert (result.exit_code, result.output) == (1, f"Error: {said}\n")
 
 
