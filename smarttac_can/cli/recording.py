@@ -231,8 +231,9 @@ def replay(
     LOG is a candump, ASC, BLF, CSV or TRC of stimulator and plate node, such as smarttac record
     --raw makes; it has to begin before the stimulator is switched on or reset. A new stimulator
     with the same EDS receives the frames of the others, at the times of the log, and each frame
-    that it sends is compared: drives, public TPDOs, emergencies, SDO answers. At a difference the
-    exit code is 1.
+    that it sends is compared: drives, public TPDOs, emergencies, SDO answers. The exit code is 0 if
+    every frame of the stimulator in LOG was recomputed and is equal, 1 at a difference, and 3 if a
+    part of LOG could not be judged; the error then names the part and its share.
     """
     require_two_nodes(node_id, plate_node)
     if lockstep and produce_sync:
@@ -259,6 +260,20 @@ def replay(
         write_results({"log": str(log), **_as_json(found)}, [_line(log, found)])
     if isinstance(found, DifferenceError):
         raise click.ClickException(one_line(f"{log}: {found}{_missing_options(found.so_far)}"))
+    if found.unjudged:
+        raise _NotJudgedError(one_line(f"{log}: {_not_judged(found)}"))
+
+
+class _NotJudgedError(click.ClickException):
+    """A log, or a part of it, that could not be judged."""
+
+    exit_code = 3
+
+
+def _not_judged(found: Replayed) -> str:
+    percent = 100 * found.unjudged_share
+    parts = "; ".join(map(str, found.unjudged))
+    return f"{percent:.1f} % of the {found.ended_s:.3f} s could not be judged: {parts}"
 
 
 def _missing_options(done: Replayed) -> str:
@@ -285,7 +300,7 @@ def _replay(log: Path, run: Replay) -> Replayed | DifferenceError:
         return difference
     except (ValueError, EOFError) as error:
         text = str(error)
-        raise click.ClickException(
+        raise _NotJudgedError(
             one_line(text if text.startswith(str(log)) else f"{log}: {text}")
         ) from error
 
@@ -303,9 +318,17 @@ def _showing(frames: Iterable[tuple[int, Frame]]) -> Iterator[tuple[int, Frame]]
 
 
 def _as_json(found: Replayed | DifferenceError) -> dict[str, Any]:
+    done, difference = found, None
     if isinstance(found, DifferenceError):
-        return {"same": False, **found.so_far._asdict(), "difference": found.difference.as_json()}
-    return {"same": True, **found._asdict(), "difference": None}
+        done, difference = found.so_far, found.difference.as_json()
+    assert isinstance(done, Replayed)
+    return {
+        "same": difference is None and not done.unjudged,
+        **done._asdict(),
+        "unjudged": [part._asdict() for part in done.unjudged],
+        "unjudged_share": done.unjudged_share,
+        "difference": difference,
+    }
 
 
 def _line(log: Path, found: Replayed | DifferenceError) -> str:

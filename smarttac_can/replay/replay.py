@@ -1,14 +1,42 @@
-"""Replay of a log of frames against a stimulator that receives them; no clock, no file."""
+"""Replay of a log of frames against a stimulator that receives them; no clock, no file.
+
+What a log proves
+-----------------
+A log has what the bus carried, in its order. It does not have the clock of the node, nor what the
+node knew before its boot-up message, nor what an operating system did to its process. So a replay
+takes nothing from time stamps that the frames do not say themselves:
+
+* **SYNC is the clock.** Each SYNC advances the recomputed node by one tick, in lockstep and in real
+  time, whoever produces it. Time passes beyond the last SYNC only where a frame of the
+  node shows that it did.
+* **A frame of another node waits** until a frame that the node has sent needs it. Frames of others
+  are received in the order of the log, and before a SYNC of the node itself only if the node has
+  answered them before it.
+* **A drive names its tick.** It answers the measurement of that tick. After a start the first drive
+  tells which measurement the node received first; from then on each one has to be answered.
+* **A frame that a timer sends** has the values of a recent cycle. Which cycle, and when, is decided
+  by the clock of the node.
+* **Missed deadlines** are what the node says that it has counted.
+
+In lockstep the node has no clock but SYNC, and its bench waits for every answer. Nothing is left to
+decide there, so each frame is compared in its order, and each one that is computed has to be in the
+log before the next SYNC but one.
+
+What cannot be judged is not a difference, and not the same. It is reported as `Unjudged`, up to the
+next boot-up message: what the node sent before the first one; what follows a fault that only the
+clock of the node decides, where log and replay do not agree on it; a node that sends nothing any
+more though it owes an answer or a heartbeat; a node that ends at 0 V without all the frames of a
+shutdown.
+"""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
-from operator import itemgetter
+from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
 from smarttac_can.device.frame import Frame
-from smarttac_can.device.mapping import Direction, compile_mapping
+from smarttac_can.device.mapping import Direction
 from smarttac_can.device.nmt import NMTState
 from smarttac_can.device.port import NEVER
 from smarttac_can.nodes.loop_frames import DRIVE_TPDO, MEASUREMENT_RPDOS
@@ -17,97 +45,77 @@ from smarttac_can.od.cia import (
     BOOT_UP,
     CAN_ID_MASK,
     EMCY_ID,
-    FRAME_BYTES,
     HEARTBEAT_ID,
+    HEARTBEAT_PRODUCER,
     NMT_ID,
     PDO_COB_ID,
-    PDO_COUNT,
     RPDO_COMMUNICATION,
     RPDO_MAPPING,
     SDO_TX_ID,
     TPDO_COMMUNICATION,
     TPDO_MAPPING,
+    EmergencyCode,
     NMTCommand,
 )
 from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.od.entry import Entry
-from smarttac_can.vocabulary.meanings import emergency_text, meaning, meaning_of_bytes
+from smarttac_can.replay.difference import INITIATED, Difference, difference, mapped
+from smarttac_can.vocabulary.faults import FaultCode
 from smarttac_can.vocabulary.signals import TICK_US
 
 _RESETS: Final = (NMTCommand.RESET_NODE, NMTCommand.RESET_COMMUNICATION)
-_LACKING_US: Final = 100_000
-"""Time in us after which a due frame that is not in the log counts as missing."""
+_LOOK_US: Final = 100_000
+"""Time in us of the log between two searches for frames that are missing."""
+_LACKING_TICKS: Final = 100
+"""Ticks after which a computed frame that is not in the log counts as missing."""
 _BACKWARDS_US: Final = 1_000_000
 """Larger steps back in time are errors; frames that overtake each other differ by much less."""
-_SHUTDOWN: Final = 4
-"""Frames that a node sends after its last drive, of 0 V, when its process ends."""
-LATE_US: Final = 20_000
-"""Time in us within which a running process handles a frame, and acts on due timers."""
-_STILL_US: Final = 100_000
-"""Longer time in us for a process that sends nothing, because it may be paused."""
-_CREEP_US: Final = 0.1
-"""Most us by which a period of SYNC differs between two clocks: 100 ppm of 1 ms, more than for
-quartz clocks."""
-Stamped = tuple[int, Frame]
-"""A frame with a time of the log in us."""
-_MOST_HELD: Final = 300
-"""Most frames that are kept: 100 measurements, more than a running process ever misses."""
+_BOOTING_US: Final = 20_000
+"""Time in us before a boot-up message in which a node that was reset may have queued frames."""
+_MOST_WAITING: Final = 1000
+"""Most frames of others that wait, if none of them has to be answered; bounds the memory."""
+_MOST_SAMPLES: Final = 100
+"""Most cycles by which a frame that a timer sends may be late."""
+_SILENT_US: Final = 1_000_000
+"""Time in us of silence after which the rest is not judged; a process may pause for less."""
+_SILENT_HEARTBEATS: Final = 2
+"""Heartbeat periods without any frame after which a node is silent."""
+_BY_CLOCK: Final = frozenset(
+    (
+        FaultCode.MISSED_TIME,
+        FaultCode.TRANSMIT_QUEUE,
+        FaultCode.HEARTBEAT_LOST,
+        FaultCode.BUS_OFF,
+        FaultCode.SYNC_LOST,
+        FaultCode.SYNC_IRREGULAR,
+        FaultCode.MEASUREMENT_LOST,
+        FaultCode.SETPOINT_LOST,
+        EmergencyCode.ERROR_CONTROL,
+        EmergencyCode.BUS_OFF_RECOVERED,
+        EmergencyCode.RPDO_TIME_OUT,
+    )
+)
+"""Emergencies that the clock of the node, its process or its CAN controller decides."""
+_MISSED: Final = "Cycle.Missed deadlines"
 _TICKS: Final = 1 << 8
 """Modulus of the tick in a drive."""
-NOTHING: Final = "nothing"
-_INITIATED: Final = (2, 3)
-"""Command specifiers of SDO answers that name the object."""
-_SERVICES: Final = {EMCY_ID: "EMCY", SDO_TX_ID: "SDO answer", HEARTBEAT_ID: "heartbeat"}
+Stamped = tuple[int, Frame]
+"""A frame with a time in us."""
 
 
-class Field(NamedTuple):
-    """A difference in a frame."""
+class Unjudged(NamedTuple):
+    """A part of a log that a replay cannot judge."""
 
-    name: str
-    """Name of the object, or of the part of the frame."""
-    recorded: str
-    recomputed: str
-
-
-class Difference(NamedTuple):
-    """The first frame in which a log and its replay differ."""
-
-    number: int
-    """Number of the frame in the log, from 1; if the log lacks a frame, the number before it."""
-    time_s: float
-    """Time in s since the first frame of the log."""
-    what: str
-    """Kind of the frame."""
-    can_id: int
-    recorded: Frame | None
-    recomputed: Frame | None
-    fields: tuple[Field, ...]
-    """Differences; empty if one of the two frames is missing."""
+    begun_s: float
+    """Time in s of its begin, since the first frame of the log."""
+    ended_s: float
+    """Time in s of its end."""
+    frames: int
+    """Number of frames of the node in it."""
+    why: str
 
     def __str__(self) -> str:
-        """Return the difference in one line."""
-        where = f"frame {self.number} at {self.time_s:.6f} s"
-        what = f"{self.what} ({self.can_id:03X}h)"
-        if self.recorded is None:
-            return f"after {where}: the log lacks the {what} that is recomputed there"
-        if self.recomputed is None:
-            return f"{where}: nothing that the log has makes the node send this {what}"
-        shown = [
-            f"{f.name} is {f.recorded} in the log, {f.recomputed} recomputed" for f in self.fields
-        ]
-        return f"{where}, {what}: {'; '.join(shown)}"
-
-    def as_json(self) -> dict[str, object]:
-        """Return the difference for JSON."""
-        return {
-            "frame": self.number,
-            "time_s": round(self.time_s, 6),
-            "what": self.what,
-            "can_id": self.can_id,
-            "recorded": None if self.recorded is None else self.recorded.data.hex(),
-            "recomputed": None if self.recomputed is None else self.recomputed.data.hex(),
-            "objects": [field._asdict() for field in self.fields],
-        }
+        """Return the part in one line."""
+        return f"{self.begun_s:.3f} s to {self.ended_s:.3f} s, {self.why}"
 
 
 class Replayed(NamedTuple):
@@ -125,6 +133,14 @@ class Replayed(NamedTuple):
     """Time in s of the last frame."""
     power_ons: int
     """How often the node was switched on."""
+    unjudged: tuple[Unjudged, ...]
+    """Parts that could not be judged; empty if all frames of the node were recomputed."""
+
+    @property
+    def unjudged_share(self) -> float:
+        """Share of the time of the log that could not be judged, 0..1."""
+        lost = sum(part.ended_s - part.begun_s for part in self.unjudged)
+        return lost / self.ended_s if self.ended_s else float(bool(self.unjudged))
 
 
 class DifferenceError(ValueError):
@@ -168,11 +184,16 @@ class Replay:
         self._lockstep = lockstep
         self._boot_up = Frame(HEARTBEAT_ID + node_id, BOOT_UP)
         self._node: ReplayedNode | None = None
+        self._sent = ReplayedNode(power_on(), 0, lockstep=lockstep).sent
         self._keeps = False
-        self._seen: set[int] = set()
         self._queued: deque[Stamped] | None = None
-        self._doubt: DifferenceError | None = None
-        self._doubted = 0
+        self._sync = False
+        self._before_sync: DifferenceError | None = None
+        self._shutdown: DifferenceError | None = None
+        self._shutdown_at = 0
+        self._parts: list[Unjudged] = []
+        self._why = ""
+        self._since = self._unjudged = 0
         self._first = self._time = self._looked = self._begun = 0
         self._frames = self._compared = self._drives = self._power_ons = 0
 
@@ -187,7 +208,7 @@ class Replay:
             If the time runs backwards.
         """
         if not self._frames:
-            self._first = self._time = time
+            self._first = self._time = self._since = time
         elif time < self._time - _BACKWARDS_US:
             raise ValueError(
                 f"time runs backwards after frame {self._frames}, at {time * 1e-6:.6f}"
@@ -195,20 +216,27 @@ class Replay:
         self._frames += 1
         self._time = time = max(time, self._time)
         node = self._node
-        self._seen.add(frame.can_id)
         if node is None:
             self._await_boot_up(frame)
-        elif self._doubt is not None:
-            self._follow_doubt(node, frame, self._doubt)
+        elif frame == self._boot_up and not node.boots:
+            self._end_life(node)
+            self._switch_on()
+        elif node.sends(frame):
+            self._compare(node, frame)
         else:
-            node.go_on(time)
-            if node.sends(frame):
-                self._compare(node, frame)
-            else:
-                node.hear(time, frame)
-            if time >= self._looked + _LACKING_US:
-                self._looked = time
-                self._require_none_lacking(node)
+            node.hear(time, frame)
+        if self._node is not None:
+            self._look(self._node, frame)
+
+    def _look(self, node: ReplayedNode, frame: Frame) -> None:
+        """Look for SYNC, and now and then for frames that the log lacks."""
+        self._sync = self._sync or frame.can_id == node.sync_id
+        if self._sync and self._before_sync is not None:
+            raise self._before_sync
+        if self._time >= self._looked + _LOOK_US:
+            self._looked = self._time
+            self._require_none_lacking(node, _LACKING_TICKS)
+            self._require_frames(node, _SILENT_US)
 
     def end(self) -> Replayed:
         """Return the extent of the comparison, at the end of the log.
@@ -223,19 +251,22 @@ class Replay:
         node_id = self._node_id
         if not self._frames:
             raise ValueError("the log is empty: there is no frame in it")
-        if self._node is None:
+        if not self._power_ons:
             raise ValueError(
                 f"no boot-up message of node {node_id}: what the controllers knew before is not in "
                 f"a log, so begin it before node {node_id} is switched on, or have it reset (NMT "
                 "reset node) while it does not drive"
             )
-        if self._doubt is None:
-            self._require_none_lacking(self._node)
+        if self._node is not None:
+            self._end_life(self._node)
         if not self._drives:
             raise ValueError(
                 f"no drive of node {node_id} after its boot-up message: a replay needs SYNC, the "
                 "measurements of the plate node, and the drives"
             )
+        if self._before_sync is not None:
+            raise self._before_sync
+        self._close()
         return self._so_far()
 
     def _so_far(self) -> Replayed:
@@ -243,28 +274,30 @@ class Replay:
             self._frames,
             self._compared,
             self._drives,
-            (self._begun - self._first) * 1e-6,
-            (self._time - self._first) * 1e-6,
+            self._seconds(self._begun),
+            self._seconds(self._time),
             self._power_ons,
+            tuple(self._parts),
         )
+
+    def _seconds(self, time: int) -> float:
+        return (time - self._first) * 1e-6
 
     def _await_boot_up(self, frame: Frame) -> None:
         """Begin with a boot-up, except after a communication reset, which keeps the state."""
+        self._unjudged += frame.can_id in self._sent and not frame.rtr and frame != self._boot_up
         if frame == self._boot_up:
             if not self._keeps:
-                self._begun = self._time
+                self._close()
                 self._switch_on()
                 self._hear_queued()
             self._keeps = False
-        elif frame.can_id == NMT_ID and len(frame.data) == len(("command", "node-ID")):
-            command, node_id = frame.data
-            if node_id in (0, self._node_id) and command in _RESETS:
-                self._keeps = command == NMTCommand.RESET_COMMUNICATION
-                self._queued = deque() if command == NMTCommand.RESET_NODE else None
-                return
-        if self._queued is not None:
+        elif (command := reset_command(frame, self._node_id)) is not None:
+            self._keeps = command == NMTCommand.RESET_COMMUNICATION
+            self._queued = deque() if command == NMTCommand.RESET_NODE else None
+        elif self._queued is not None:
             self._queued.append((self._time, frame))
-            while self._queued[0][0] < self._time - LATE_US:
+            while self._queued[0][0] < self._time - _BOOTING_US:
                 self._queued.popleft()
 
     def _hear_queued(self) -> None:
@@ -272,59 +305,98 @@ class Replay:
         node = self._node
         assert node is not None
         for time, frame in self._queued or ():
-            if time >= self._time - LATE_US and not node.sends(frame):
+            if time >= self._time - _BOOTING_US and not node.sends(frame):
                 node.hear(self._time, frame)
         self._queued = None
 
     def _switch_on(self) -> None:
-        self._doubt, self._doubted = None, 0
+        if not self._power_ons:
+            self._begun = self._time
         self._power_ons += 1
         self._node = node = ReplayedNode(self._power_on(), self._time, lockstep=self._lockstep)
         self._compare(node, self._boot_up)
 
     def _compare(self, node: ReplayedNode, frame: Frame) -> None:
         computed = node.answer(self._time, frame)
-        drives = node.drives(frame)
         if computed == frame:
             self._compared += 1
-            self._drives += drives
-        elif frame == self._boot_up:
-            self._switch_on()
+            self._drives += node.drives(frame)
+            return
+        found = self._differs(node, frame, computed)
+        if self._shutdown is not None:
+            raise self._shutdown
+        if computed is None and node.shuts_down(frame):
+            self._shutdown, self._shutdown_at = found, self._time
+            self._compared += 1
+            self._drives += 1
+        elif node.clock_decides(frame):
+            self._give_up("after a fault that only the clock of the node decides", self._time, 1)
+        elif not self._sync:
+            # Without any SYNC the log is not one of a loop, which `end` reports instead.
+            self._before_sync = self._before_sync or found
         else:
-            found = self._differs(node, frame, computed)
-            # A process that ends leaves the plate at 0 V, and no frame announces this. If the log
-            # has no SYNC at all, it is not one of a loop, and `end` reports that instead.
-            if node.sync_id in self._seen and not (drives and drive_voltage(node.od, frame) == 0):
-                raise found
-            self._doubt = found
+            raise found
 
-    def _follow_doubt(self, node: ReplayedNode, frame: Frame, doubt: DifferenceError) -> None:
-        """Accept an unexplained drive of 0 V if only the frames of a shutdown follow."""
-        if frame == self._boot_up:
-            self._switch_on()
-        elif node.sync_id in self._seen and node.sends(frame):
-            self._doubted += 1
-            if self._doubted > _SHUTDOWN:
-                raise doubt
+    def _require_none_lacking(self, node: ReplayedNode, ticks: int) -> None:
+        lacking = node.overdue(ticks)
+        if lacking is None or self._shutdown is not None:
+            return
+        if node.clock_decides(lacking):
+            self._give_up("after a fault that only the clock of the node decides", self._time)
+        else:
+            raise self._differs(node, None, lacking)
 
-    def _require_none_lacking(self, node: ReplayedNode) -> None:
-        lacking = node.overdue(_LACKING_US)
-        if lacking is not None:
-            raise self._differs(node, None, lacking[1])
+    def _require_frames(self, node: ReplayedNode, least: int) -> None:
+        """Give up if the node has been silent for so many us."""
+        why, since = node.silence(self._time)
+        if why and self._node is not None and self._shutdown is None and self._time - since > least:
+            self._give_up(why, since)
+
+    def _end_life(self, node: ReplayedNode) -> None:
+        """Judge the end of a node: a shutdown, a silence, or the end of the log."""
+        if self._shutdown is not None:
+            if not node.is_shut_down:
+                why = f"node {self._node_id} ends at 0 V without all the frames of a shutdown"
+                self._give_up(why, self._shutdown_at)
+        else:
+            node.end()
+            self._require_none_lacking(node, node.patience)
+            self._require_frames(node, 0)
+        self._node = self._shutdown = None
+        self._close()
+
+    def _give_up(self, why: str, since: int, frames: int = 0) -> None:
+        """Judge nothing until the next boot-up message."""
+        assert self._node is not None
+        self._sent = self._node.sent
+        self._node = self._shutdown = None
+        self._why, self._since, self._unjudged = why, since, frames
+
+    def _close(self) -> None:
+        """End the part of the log that is not judged, if there is one."""
+        begun, ended = self._seconds(self._since), self._seconds(self._time)
+        if self._why or self._unjudged:
+            why = self._why or f"before the boot-up message of node {self._node_id}"
+            self._parts.append(Unjudged(begun, ended, self._unjudged, why))
+        self._why, self._unjudged = "", 0
 
     def _differs(
         self, node: ReplayedNode, recorded: Frame | None, computed: Frame | None
     ) -> DifferenceError:
-        time_s = (self._time - self._first) * 1e-6
-        found = difference(node.od, self._frames, time_s, recorded, computed)
+        found = difference(node.od, self._frames, self._seconds(self._time), recorded, computed)
         return DifferenceError(found, self._so_far())
+
+
+def reset_command(frame: Frame, node_id: int) -> int | None:
+    """Return the command of an NMT frame that resets a node; None for other frames."""
+    if frame.can_id != NMT_ID or len(frame.data) != len(("command", "node-ID")):
+        return None
+    command, addressed = frame.data
+    return command if command in _RESETS and addressed in (0, node_id) else None
 
 
 class ReplayedNode:
     """A node with the frames that it computes.
-
-    A log does not tell when the node received a frame of another party. So each frame waits until a
-    frame that the node has sent requires it, or until the node has sent one over 20 ms later.
 
     Parameters
     ----------
@@ -346,14 +418,21 @@ class ReplayedNode:
         self._node = node
         self._clock = node.clock
         self._lockstep = lockstep
-        self._offset = float(time)
-        self._time = self._last_sent = time
+        self._last_sent = self._synced = time
         self._waiting: deque[Stamped] = deque()
         self._computed: dict[int, deque[Stamped]] = {}
-        self._first = FirstMeasurements(node.od)
-        self._before: deque[tuple[int, dict[int, Frame]]] = deque()
-        self._sdo = SDO_TX_ID + node.od.node_id
+        self._samples: dict[int, deque[Frame]] = {}
+        self._drove = lockstep
+        self._shutdown: list[Frame] | None = None
+        node_id = node.od.node_id
+        self._sdo, self._emcy = SDO_TX_ID + node_id, EMCY_ID + node_id
+        self._heartbeat = HEARTBEAT_ID + node_id
         self._put(node.start())
+
+    @property
+    def sent(self) -> frozenset[int]:
+        """Identifiers with which only the node sends."""
+        return self._node.ids.sent
 
     def sends(self, frame: Frame) -> bool:
         """Return whether a frame of the log was sent by the node itself."""
@@ -364,22 +443,43 @@ class ReplayedNode:
         """Identifier of SYNC in the present configuration of the node."""
         return self._node.ids.sync
 
+    @property
+    def boots(self) -> bool:
+        """Whether a boot-up message follows from a reset, so that no new process has sent it."""
+        return self._shutdown is None and (
+            bool(self._computed.get(self._heartbeat))
+            or any(reset_command(frame, self.od.node_id) for _, frame in self._waiting)
+        )
+
+    @property
+    def patience(self) -> int:
+        """Ticks within which a node that is there answers, at the end of a log."""
+        return 1 if self._lockstep else int(self._node.block.deadline.ms)
+
+    @property
+    def is_shut_down(self) -> bool:
+        """Whether all frames of a shutdown are in the log; not proven in real time.
+
+        In real time the other frames of a shutdown look like those that a timer sends.
+        """
+        return self._lockstep and not self._shutdown
+
     def drives(self, frame: Frame) -> bool:
         """Return whether a frame is a drive."""
-        return self._first.is_drive(frame)
+        return frame.can_id == _can_id(self.od, TPDO_COMMUNICATION + DRIVE_TPDO - 1)
 
     def hear(self, time: int, frame: Frame) -> None:
         """Queue a frame of another party."""
+        if self._lockstep and frame.can_id == self.sync_id:
+            self._hear_all()  # the bench waits for all answers before it sends SYNC
         self._waiting.append((time, frame))
+        if len(self._waiting) > _MOST_WAITING and self._owed() is None:
+            self._hear_unless_held(self._waiting.popleft())
 
-    def go_on(self, time: int) -> None:
-        """Advance the time, and do what a process cannot have delayed any longer."""
-        self._time = time
-        done = max(self._last_sent - LATE_US, time - _STILL_US)
-        while self._waiting and self._waiting[0][0] < done:
-            self._hear(*self._waiting.popleft())
-        if not self._lockstep:
-            self._pass_time(self._device_time(done))
+    def end(self) -> None:
+        """Take the end of the log; in lockstep the node has received all of it."""
+        if self._lockstep:
+            self._hear_all()
 
     def answer(self, time: int, frame: Frame) -> Frame | None:
         """Return what the node computes for a frame that it has sent; None if nothing.
@@ -387,282 +487,215 @@ class ReplayedNode:
         Of the frames that it may have received before, as few as explain the frame are used.
         """
         if frame.can_id == self.sync_id and self._node.device.sync.produces:
-            self._produce(time)
+            self._produce()
         self._last_sent = time
+        if self._shutdown is not None and frame in self._shutdown:
+            self._shutdown.remove(frame)
+            return frame
         queue = self._computed.setdefault(frame.can_id, deque())
         if not queue and frame.can_id == self._sdo:
             self._put(self._node.segments(1))
-        end = self._device_time(time + LATE_US)
-        while not queue and not self._timed(frame):
-            if self._first.open and self._first.is_drive(frame):
-                self._await_first(frame)
-            if self._waiting:
-                self._hear(*self._waiting.popleft())
-            elif self._lockstep or not self._expire(end):
-                break
-        if queue and (queue[0][1] == frame or not self._timed(frame)):
-            return queue.popleft()[1]
-        return frame if self._timed(frame) else self._node.device.timer_frames().get(frame.can_id)
+        self._hear_for(frame)
+        if not self._lockstep:
+            self._pass_time_for(frame, time - self._synced)
+        if self._is_sample(frame):
+            return frame
+        if queue:
+            return self._with_own_count(frame, queue.popleft()[1])
+        return self._timed().get(frame.can_id)
 
-    def overdue(self, age: int) -> Stamped | None:
-        """Return a frame, with its time, that was computed over `age` us ago and is not in the log.
+    def shuts_down(self, drive: Frame) -> bool:
+        """Return whether a drive that nothing explains is the first frame of a shutdown.
 
-        In lockstep SYNC is the clock for this as well, because a process may pause for any time.
+        If so, `answer` takes the others from now on.
         """
-        for queue in self._computed.values():
-            if queue and queue[0][0] < self._now - age:
-                return queue[0]
-        return None
-
-    @property
-    def _now(self) -> int:
-        return self._clock.now if self._lockstep else self._time
-
-    def _timed(self, frame: Frame) -> bool:
-        """Return whether a timer may have sent the frame; its time is then that of the log.
-
-        Always False in lockstep. Such a frame waits for urgent ones of the node, so it may be of an
-        earlier cycle.
-        """
-        if self._lockstep:
+        if not self.drives(drive) or self._shutdown is not None:
             return False
-        can_id = frame.can_id
-        if self._node.device.timer_frames().get(can_id) == frame:
-            return True
-        return any(timed.get(can_id) == frame for _, timed in self._before)
-
-    def _hear(self, time: int, frame: Frame) -> None:
-        if self._lockstep:
-            if frame.can_id == self.sync_id:
-                self._put(self._node.advance(TICK_US))
-            self._put(self._node.receive(frame))
-            return
-        self._pass_time(self._device_time(time))
-        if self._first.hold(time, frame):
-            return
-        device = self._node.device
-        drove = device.nmt_state is NMTState.OPERATIONAL
-        frames = self._node.receive(frame)
-        self._put(frames)
-        if not drove and device.nmt_state is NMTState.OPERATIONAL:
-            self._first.begin()
-        if frames:
-            self._before.append((time, device.timer_frames()))
-            while self._before[0][0] < time - LATE_US:
-                self._before.popleft()
-
-    def _device_time(self, time: int) -> int:
-        return round(time - self._offset)
-
-    def _await_first(self, drive: Frame) -> None:
-        """Put the held measurements among the others, from the one the drive answers."""
-        others = [one for one in self._waiting if not self._first.hold(*one)]
-        self._waiting = deque(sorted([*self._first.heard(drive), *others], key=itemgetter(0)))
-
-    def _pass_time(self, now: int) -> None:
-        """Advance device time, in us, but not beyond the next SYNC that the node produces."""
-        now = min(now, self._node.device.sync.due - 1)
-        while self._expire(now):
-            pass
-        self._clock.now = max(self._clock.now, now)
-
-    def _expire(self, end: int) -> bool:
-        """Let the next timer expire that is due until `end`; return whether there is one."""
-        clock = self._clock
-        if clock.next_due > min(end, self._node.device.sync.due - 1):
+        expected = self._node.shutdown()
+        if drive not in expected:
             return False
-        clock.now = max(clock.now, clock.next_due)
-        self._act()
+        expected.remove(drive)
+        self._shutdown = expected
         return True
 
-    def _produce(self, time: int) -> None:
-        """Let the node produce a SYNC when it is due, or as late as in the log.
+    def clock_decides(self, frame: Frame) -> bool:
+        """Return whether a frame, or a computed EMCY, reports what the clock of the node decides.
 
-        The clock of the node slowly follows the SYNCs of the log, which another clock has stamped.
+        Always False in lockstep.
         """
-        while self._waiting and not self._first.undecided:
+        frames = [frame, *[found for _, found in self._computed.get(self._emcy, ())]]
+        codes = {int.from_bytes(f.data[:2], "little") for f in frames if f.can_id == self._emcy}
+        return not self._lockstep and not codes.isdisjoint(_BY_CLOCK)
+
+    def overdue(self, ticks: int) -> Frame | None:
+        """Return a frame that was computed so many ticks ago or more, and is not in the log."""
+        latest = self._clock.now - ticks * TICK_US
+        for queue in self._computed.values():
+            if queue and queue[0][0] <= latest:
+                return queue[0][1]
+        return None
+
+    def silence(self, time: int) -> tuple[str, int]:
+        """Return why a node is silent at a time in us, and since when; empty if it is not.
+
+        In real time it is silent if it owes an answer to a measurement, or heartbeats. In lockstep
+        what it owes is `overdue`.
+        """
+        if self._lockstep:
+            return "", time
+        name = f"node {self.od.node_id}"
+        owed, period = self._owed(), self.od.number(HEARTBEAT_PRODUCER) * 1000
+        if owed is not None and time - owed > self.patience * TICK_US:
+            return f"{name} answers no measurement", owed
+        if period and time - self._last_sent > _SILENT_HEARTBEATS * period:
+            return f"{name} sends nothing", self._last_sent
+        return "", time
+
+    def _owed(self) -> int | None:
+        """Return the time of the first measurement that waits for its answer; None without one."""
+        frames = [frame.can_id for _, frame in self._waiting]
+        if not self._drove or NMT_ID in frames:
+            return None
+        return next((time for time, frame in self._waiting if self._is_measurement(frame)), None)
+
+    def _hear_all(self) -> None:
+        while self._waiting:
             self._hear(*self._waiting.popleft())
-        due = self._node.device.sync.due
-        if due == NEVER:
-            return
-        late = time - self._offset - due
-        self._offset += max(-_CREEP_US, min(late, _CREEP_US))
-        self._pass_time(due - 1)
-        self._clock.now = max(due, self._device_time(time))
-        self._act()
 
-    def _act(self) -> None:
-        """Act on what is due now; the log tells when the frames of timers were sent."""
-        frames = self._node.advance(0)
-        timed = self._node.device.timer_frames()
-        self._put([frame for frame in frames if frame.can_id not in timed])
+    def _hear_for(self, frame: Frame) -> None:
+        """Receive waiting frames until they explain a frame that the node has sent."""
+        held: list[Stamped] = []
+        for _ in range(self._reach(frame)):
+            if self._explains(frame):
+                break
+            one = self._waiting.popleft()
+            if not self._hear_unless_held(one):
+                held.append(one)
+        self._waiting.extendleft(reversed(held))
 
-    def _put(self, frames: list[Frame]) -> None:
-        sent = self._node.ids.sent
-        for frame in frames:
-            if frame.can_id in sent:
-                self._computed.setdefault(frame.can_id, deque()).append((self._now, frame))
+    def _hear_unless_held(self, one: Stamped) -> bool:
+        """Receive a frame, unless it is a measurement of which no drive has told that it was."""
+        if not self._drove and self._is_measurement(one[1]):
+            return False
+        self._hear(*one)
+        return True
 
+    def _reach(self, frame: Frame) -> int:
+        """Return how many waiting frames the node may have received before it sent a frame.
 
-class FirstMeasurements:
-    """Holds measurements from the start of a node until its first drive shows which it received.
-
-    The logger may have received the start before a measurement that the node received before it.
-    And a filter of the bus of the node may have dropped the first measurements.
-
-    Parameters
-    ----------
-    od
-        Object dictionary of the stimulator.
-
-    Attributes
-    ----------
-    open
-        Whether measurements are held.
-    """
-
-    def __init__(self, od: ObjectDictionary) -> None:
-        self._od = od
-        self._held: deque[Stamped] = deque(maxlen=_MOST_HELD)
-        self.open = False
-
-    def begin(self) -> None:
-        """Hold the measurements from now on."""
-        self._held.clear()
-        self.open = True
-
-    def hold(self, time: int, frame: Frame) -> bool:
-        """Hold a frame if it is a measurement and measurements are held; return whether it was."""
-        held = self.open and frame.can_id in map(self._measured, MEASUREMENT_RPDOS)
-        if held:
-            self._held.append((time, frame))
-        return held
-
-    @property
-    def undecided(self) -> bool:
-        """Whether a measurement is held, so that it is unknown what the node has received since."""
-        return self.open and bool(self._held)
-
-    def heard(self, drive: Frame) -> list[Stamped]:
-        """Return the held measurements from the one that a drive answers, and stop holding.
-
-        If the drive answers none of them, return an empty list and go on holding.
+        For a drive these are the ones up to the measurement of its tick. If that does not wait, the
+        drive was not caused by a measurement.
         """
-        tick = self._tick(TPDO_MAPPING + DRIVE_TPDO - 1, Direction.TRANSMIT, drive)
-        first = MEASUREMENT_RPDOS[0]
-        mapping = RPDO_MAPPING + first - 1
-        held = list(self._held)
-        for place, (_, frame) in enumerate(held):
-            if frame.can_id == self._measured(first) and tick == self._tick(
-                mapping, Direction.RECEIVE, frame
+        waiting = self._waiting
+        if not self.drives(frame):
+            return len(waiting)
+        first, *_, last = [_can_id(self.od, RPDO_COMMUNICATION + n - 1) for n in MEASUREMENT_RPDOS]
+        ends = [place for place, (_, one) in enumerate(waiting) if one.can_id == last]
+        tick = self._tick(TPDO_MAPPING + DRIVE_TPDO - 1, Direction.TRANSMIT, frame)
+        for place in range(len(waiting) - 1, -1, -1):
+            one = waiting[place][1]
+            if one.can_id == first and tick == self._tick(
+                RPDO_MAPPING + MEASUREMENT_RPDOS[0] - 1, Direction.RECEIVE, one
             ):
-                self.open = False
-                return held[place:]
-        return []
+                end = next((end for end in ends if end > place), place)
+                return end + 1 - self._leave_out(place)
+        return ends[0] if ends else len(waiting)
 
-    def is_drive(self, frame: Frame) -> bool:
-        """Return whether a frame has the identifier of the drive."""
-        return frame.can_id == self._can_id(TPDO_COMMUNICATION + DRIVE_TPDO - 1)
+    def _leave_out(self, place: int) -> int:
+        """Drop the measurements before the first one that was answered; return how many frames."""
+        if self._drove:
+            return 0
+        self._drove = True
+        waiting = list(self._waiting)
+        before = [one for one in waiting[:place] if not self._is_measurement(one[1])]
+        self._waiting = deque([*before, *waiting[place:]])
+        return place - len(before)
 
-    def _measured(self, rpdo: int) -> int:
-        return self._can_id(RPDO_COMMUNICATION + rpdo - 1)
-
-    def _can_id(self, communication: int) -> int:
-        return self._od.number(communication, PDO_COB_ID) & CAN_ID_MASK
+    def _is_measurement(self, frame: Frame) -> bool:
+        return any(
+            frame.can_id == _can_id(self.od, RPDO_COMMUNICATION + rpdo - 1)
+            for rpdo in MEASUREMENT_RPDOS
+        )
 
     def _tick(self, index: int, direction: Direction, frame: Frame) -> int | None:
         """Return the tick in a PDO, modulo that of a drive; None if it has no tick."""
-        values = mapped(self._od, index, direction, frame)
+        values = mapped(self.od, index, direction, frame)
         return next((raw % _TICKS for entry, raw in values if entry.name.endswith("Tick")), None)
 
+    def _hear(self, time: int, frame: Frame) -> None:
+        if frame.can_id == self.sync_id:
+            self._synced = time
+            self._put(self._node.advance(TICK_US))
+        device = self._node.device
+        was = device.nmt_state
+        self._put(self._node.receive(frame))
+        if was is NMTState.OPERATIONAL is not device.nmt_state:
+            self._drove = self._lockstep
 
-def difference(
-    od: ObjectDictionary,
-    number: int,
-    time_s: float,
-    recorded: Frame | None,
-    recomputed: Frame | None,
-) -> Difference:
-    """Return the difference of two frames with one identifier, one of which may be missing.
+    def _produce(self) -> None:
+        """Let the node produce its next SYNC; that is a tick later."""
+        sync = self._node.device.sync
+        while sync.due == NEVER and self._waiting:
+            self._hear(*self._waiting.popleft())
+        if sync.due != NEVER:
+            self._put(self._node.advance(max(0, sync.due - self._clock.now)))
 
-    Parameters
-    ----------
-    od
-        Object dictionary of the node in its present state.
-    number, time_s
-        Number and time in s in the log.
-    recorded, recomputed
-        Frame in the log, and frame of the replay.
-    """
-    frame = recorded or recomputed
-    assert frame is not None
-    tpdo = _tpdo(od, frame.can_id)
-    if tpdo:
-        what = f"drive, TPDO {tpdo}" if tpdo == DRIVE_TPDO else f"TPDO {tpdo}"
-    elif frame.can_id == od.sync_id:
-        what = "SYNC"
-    else:
-        what = _SERVICES.get(frame.can_id - od.node_id, "frame")
-    fields: tuple[Field, ...] = ()
-    if recorded is not None and recomputed is not None:
-        fields = tuple(_fields(od, tpdo, recorded, recomputed)) or (_bytes(recorded, recomputed),)
-    return Difference(number, time_s, what, frame.can_id, recorded, recomputed, fields)
+    def _pass_time_for(self, frame: Frame, most: int) -> None:
+        """Let up to so many us pass without a SYNC, until a timer explains a frame."""
+        end = min(self._clock.now + most, self._node.device.sync.due - 1)
+        while self._clock.next_due <= end and not self._explains(frame):
+            self._put(self._node.advance(max(0, self._clock.next_due - self._clock.now)))
 
+    def _explains(self, frame: Frame) -> bool:
+        """Return whether a frame was computed that the node may have sent as this one."""
+        return bool(self._computed.get(frame.can_id)) or self._is_sample(frame)
 
-def drive_voltage(od: ObjectDictionary, frame: Frame) -> int | None:
-    """Return the raw voltage of a drive; None if it has another length."""
-    values = mapped(od, TPDO_MAPPING + DRIVE_TPDO - 1, Direction.TRANSMIT, frame)
-    return next((raw for entry, raw in values if entry.name.endswith("Voltage")), None)
+    def _timed(self) -> dict[int, Frame]:
+        """Return the frames that timers of the node may send now, by identifier.
 
+        In lockstep there are none that have to be told apart: their moment is known.
+        """
+        return {} if self._lockstep else self._node.device.timer_frames()
 
-def _tpdo(od: ObjectDictionary, can_id: int) -> int:
-    """Return the number of the TPDO with an identifier; 0 if there is none."""
-    for number in range(1, PDO_COUNT + 1):
-        communication = od.get(TPDO_COMMUNICATION + number - 1, PDO_COB_ID)
-        if communication is None:
-            return 0
-        if communication.value & CAN_ID_MASK == can_id:
-            return number
-    return 0
+    def _is_sample(self, frame: Frame) -> bool:
+        """Return whether a timer may have sent a frame, with the values of a cycle.
 
+        A later frame cannot have the values of an earlier cycle.
+        """
+        samples = self._samples.get(frame.can_id)
+        if samples and frame in samples:
+            while samples[0] != frame:
+                samples.popleft()
+            return True
+        return self._timed().get(frame.can_id) == frame
 
-def mapped(
-    od: ObjectDictionary, index: int, direction: Direction, frame: Frame
-) -> list[tuple[Entry, int]]:
-    """Return the entries that a PDO maps, with their raw values; [] if the length differs."""
-    mapping = compile_mapping(od, index, direction)
-    if mapping.size != len(frame.data):
-        return []
-    return list(zip(mapping.entries, mapping.read(frame.data), strict=True))
+    def _with_own_count(self, recorded: Frame, computed: Frame) -> Frame:
+        """Take from an SDO answer how many deadlines the node has missed by its own clock."""
+        entry = self.od[_MISSED]
+        if (
+            self._lockstep
+            or computed.can_id != self._sdo
+            or recorded.data[:4] != computed.data[:4]
+            or computed.data[0] >> 5 not in INITIATED
+            or computed.data[1:4] != entry.index.to_bytes(2, "little") + bytes((entry.subindex,))
+        ):
+            return computed
+        entry.value = int.from_bytes(recorded.data[4:], "little")
+        return recorded
 
-
-def _fields(od: ObjectDictionary, tpdo: int, recorded: Frame, recomputed: Frame) -> Iterator[Field]:
-    if tpdo:
-        index = TPDO_MAPPING + tpdo - 1
-        both = [mapped(od, index, Direction.TRANSMIT, frame) for frame in (recorded, recomputed)]
-        for (entry, there), (_, here) in zip(*both, strict=False):
-            if there != here:
-                yield Field(entry.name, meaning(entry, there), meaning(entry, here))
-    elif len(recorded.data) == len(recomputed.data) == FRAME_BYTES:
-        if recorded.can_id == EMCY_ID + od.node_id:
-            yield Field("error", _emergency(recorded), _emergency(recomputed))
-        elif recorded.data[:4] == recomputed.data[:4] and recorded.data[0] >> 5 in _INITIATED:
-            yield from _read_field(od, recorded, recomputed)
-
-
-def _read_field(od: ObjectDictionary, recorded: Frame, recomputed: Frame) -> Iterator[Field]:
-    entry = od.get(recorded.data[1] | recorded.data[2] << 8, recorded.data[3])
-    if entry is None:
-        return
-    there, here = (meaning_of_bytes(entry, frame.data[4:]) for frame in (recorded, recomputed))
-    yield Field(entry.name, there, here)
+    def _put(self, frames: Sequence[Frame]) -> None:
+        if not frames:
+            return
+        timed, sent = self._timed(), self._node.ids.sent
+        for frame in frames:
+            boots = frame.can_id == self._heartbeat and frame.data == BOOT_UP
+            if frame.can_id in sent and (frame.can_id not in timed or boots):
+                self._computed.setdefault(frame.can_id, deque()).append((self._clock.now, frame))
+        for frame in timed.values():
+            samples = self._samples.setdefault(frame.can_id, deque(maxlen=_MOST_SAMPLES))
+            if not samples or samples[-1] != frame:
+                samples.append(frame)
 
 
-def _bytes(recorded: Frame, recomputed: Frame) -> Field:
-    there, here = recorded.data.hex(), recomputed.data.hex()
-    return Field("it", there or NOTHING, here or NOTHING)
-
-
-def _emergency(frame: Frame) -> str:
-    code = int.from_bytes(frame.data[:2], "little")
-    return f"{code:04X}h, {emergency_text(code)} ({frame.data.hex()})"
+def _can_id(od: ObjectDictionary, communication: int) -> int:
+    return od.number(communication, PDO_COB_ID) & CAN_ID_MASK

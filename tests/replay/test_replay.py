@@ -59,10 +59,12 @@ def _clocked_run(reset: bool) -> tuple[tuple[int, Frame], ...]:
     bus.attach(PlateNode(plate_od(), deadline_ms=DEADLINE_MS), lockstep=False)
     node = clocked_node()
     bus.attach(node, lockstep=False)
-    _drive(bus, master, node)
+    _drive(bus.advance, master, node)
+    _disarm(master, node)
     if reset:
         master.send(requests.nmt(NMTCommand.RESET_NODE))
-        _drive(bus, master, node)
+        _drive(bus.advance, master, node)
+        _disarm(master, node)
     return tuple(log)
 
 
@@ -71,14 +73,14 @@ def clocked_run(*, reset: bool = False) -> Log:
     return list(_clocked_run(reset))
 
 
-def _drive(bus: LocalBus, master: LocalMaster, node: StimulatorNode) -> None:
+def _drive(advance: Callable[[int], None], master: LocalMaster, node: StimulatorNode) -> None:
     def write(name: str, raw: int) -> None:
         master.write(STIMULATOR_ID, node.od[name], raw)
 
     write("Drive unwatched", 1)
     for node_id in (PLATE_ID, STIMULATOR_ID):
         master.send(requests.nmt(NMTCommand.START, node_id))
-    bus.advance(3000)
+    advance(3000)
     for name, raw in (
         ("Simulation.Subject", 2),
         ("Finger.Force", 500),
@@ -87,7 +89,7 @@ def _drive(bus: LocalBus, master: LocalMaster, node: StimulatorNode) -> None:
     ):
         master.write(PLATE_ID, plate_od()[name], raw)
     write(START_RUN, 1)
-    bus.advance(100_000)
+    advance(100_000)
     for name, raw in (
         ("Setpoint.COF left", 2500),
         ("Setpoint.COF right", 2500),
@@ -98,8 +100,11 @@ def _drive(bus: LocalBus, master: LocalMaster, node: StimulatorNode) -> None:
         ("Controlword", Control.ARM | Control.RUN),
     ):
         write(name, raw)
-    bus.advance(400_000)
-    write("Controlword", 0)
+    advance(400_000)
+
+
+def _disarm(master: LocalMaster, node: StimulatorNode) -> None:
+    master.write(STIMULATOR_ID, node.od["Controlword"], 0)
 
 
 def clocked_node(deadline_ms: int = DEADLINE_MS) -> StimulatorNode:
@@ -114,8 +119,13 @@ def lockstep_node() -> StimulatorNode:
     )
 
 
-def replayed(log: Iterable[tuple[int, Frame]], *, lockstep: bool = True) -> Replayed:
-    power_on = lockstep_node if lockstep else clocked_node
+def replayed(
+    log: Iterable[tuple[int, Frame]],
+    *,
+    lockstep: bool = True,
+    node: Callable[[], StimulatorNode] | None = None,
+) -> Replayed:
+    power_on = node or (lockstep_node if lockstep else clocked_node)
     replay = Replay(power_on, STIMULATOR_ID, lockstep=lockstep)
     for time, frame in log:
         replay.take(time, frame)
@@ -136,9 +146,11 @@ def changed(log: Log, place: int, byte: int, value: int) -> Log:
     return [*log[:place], (time, Frame(frame.can_id, bytes(data))), *log[place + 1 :]]
 
 
-def first_difference(log: Log, *, lockstep: bool = True) -> Difference:
+def first_difference(
+    log: Log, *, lockstep: bool = True, node: Callable[[], StimulatorNode] | None = None
+) -> Difference:
     with pytest.raises(DifferenceError) as caught:
-        replayed(log, lockstep=lockstep)
+        replayed(log, lockstep=lockstep, node=node)
     return caught.value.difference
 
 
@@ -146,11 +158,12 @@ def test_a_run_in_lockstep_is_the_same_to_the_bit() -> None:
     log = friction_run()
     found = replayed(log)
     drives = [log[place][1].data[:6] for place in places(log, DRIVE)]
-    # All but that of the end, which no frame explains.
-    assert found.drives == len(drives) - 1 > 500
+    # The last one is of the shutdown.
+    assert found.drives == len(drives) > 500
+    assert found.unjudged == ()
     assert len(set(drives)) > 100
     own = [f for _, f in log if f.can_id in (0x1A0, 0x2A0, 0x3A0, 0x4A0, SDO_FROM, BOOT_UP, DRIVE)]
-    assert len(own) - 6 < found.compared < len(own)
+    assert found.compared == len(own)
     assert (found.frames, found.power_ons) == (len(log), 1)
 
 
@@ -172,7 +185,7 @@ def test_sync_is_what_the_node_is_configured_for(lockstep: bool) -> None:
     ("byte", "name", "shown"),
     [
         (0, "Drive.Voltage", lambda data: f"{int.from_bytes(data[:2], 'little') * 10} mV"),
-        (6, "Drive.Tick", lambda data: f"{data[6]}"),
+        (7, "Drive.Check", lambda data: f"{data[7]}"),
     ],
 )
 def test_one_byte_of_a_drive_is_named(byte: int, name: str, shown: Callable[[bytes], str]) -> None:
@@ -209,7 +222,7 @@ def test_textures_are_taken_from_the_log() -> None:
     """They pass by block transfer, with the answers of the node; the drives follow them."""
     log = texture_run(Texture.grating(2.0, 0.25, 0.45))
     found = replayed(log)
-    assert found.drives == len(places(log, DRIVE)) - 1 > 300
+    assert found.drives == len(places(log, DRIVE)) > 300
     # The segments of another texture, with its own checksums, in the place of these.
     other = iter(texture_run(Texture.grating(2.0, 0.25, 0.55)))
     sdo = iter([frame for _, frame in other if frame.can_id == SDO_TO])
@@ -248,6 +261,13 @@ def test_a_drive_that_is_not_there_is_missed() -> None:
     assert (found.what, found.fields[0].name) == ("drive, TPDO 5", "Drive.Tick")
 
 
+def test_a_drive_of_another_tick_answers_nothing() -> None:
+    log = friction_run()
+    place = places(log, DRIVE)[300]
+    found = first_difference(changed(log, place, 6, log[place][1].data[6] ^ 0x04))
+    assert (found.number, found.recomputed) == (place + 1, None)
+
+
 def test_the_end_of_a_log_may_lack_what_was_not_sent_yet() -> None:
     log = friction_run()
     assert replayed(log[: places(log, DRIVE)[300]]).drives == 300
@@ -272,12 +292,15 @@ def test_an_answer_to_a_read_is_named_by_its_object() -> None:
     assert found.fields[0].name == "Identity object.Product code"
 
 
-def test_what_comes_before_the_boot_up_is_not_looked_at() -> None:
+@pytest.mark.parametrize(("can_id", "own"), [(DRIVE, 1), (0x701, 0)])
+def test_frames_before_the_boot_up_are_not_judged(can_id: int, own: int) -> None:
     log = friction_run()
-    before = [(0, Frame(SYNC)), (0, Frame(DRIVE, bytes(8)))]
+    before = [(0, Frame(SYNC)), (0, Frame(can_id, bytes(8)))]
     found = replayed(before + [(time + 1_000_000, frame) for time, frame in log])
     assert found.begun_s == pytest.approx(1.0, abs=1e-3)
     assert found.drives == replayed(log).drives
+    assert [part.frames for part in found.unjudged] == [1] * own
+    assert found.unjudged_share == pytest.approx(own / found.ended_s, rel=1e-3)
 
 
 def test_a_reset_is_as_good_as_a_power_on() -> None:
@@ -470,3 +493,238 @@ def test_one_byte_of_a_drive_by_the_clock_is_named(byte: int) -> None:
     )
     assert found.number == place + 1
     assert found.fields[0].name == ("Drive.Voltage", "Drive.Check")[byte == 7]
+
+
+# What a log does not prove is a difference or not judged, and never the same.
+
+
+OWN = (DRIVE, 0x0A0, 0x1A0, 0x2A0, 0x3A0, 0x4A0, SDO_FROM, BOOT_UP)
+
+
+def at_0_v(log: Log, place: int) -> Log:
+    """Return a log in which one drive is 0 V."""
+    time, frame = log[place]
+    return [*log[:place], (time, Frame(DRIVE, bytes(2) + frame.data[2:])), *log[place + 1 :]]
+
+
+def silent_after(log: Log, place: int) -> Log:
+    """Return a log in which the node sends nothing behind a place."""
+    return log[: place + 1] + [one for one in log[place + 1 :] if one[1].can_id not in OWN]
+
+
+def driven(log: Log) -> int:
+    """Place of a drive with a voltage, of which there are many."""
+    with_voltage = [place for place in places(log, DRIVE) if any(log[place][1].data[:2])]
+    assert len(with_voltage) > 100
+    return with_voltage[len(with_voltage) // 5]
+
+
+@pytest.mark.parametrize("lockstep", [True, False])
+@pytest.mark.parametrize(
+    "falsify",
+    [
+        at_0_v,
+        lambda log, place: at_0_v(log, place)[: place + 1],
+        lambda log, place: silent_after(at_0_v(log, place), place),
+    ],
+    ids=["alone", "cut behind it", "silent behind it"],
+)
+def test_a_drive_changed_to_0_v_differs(falsify: Callable[[Log, int], Log], lockstep: bool) -> None:
+    log = friction_run() if lockstep else clocked_run()
+    place = driven(log)
+    found = first_difference(falsify(log, place), lockstep=lockstep)
+    assert (found.number, found.fields[0].name) == (place + 1, "Drive.Voltage")
+
+
+def test_a_silent_node_differs_in_lockstep() -> None:
+    log = friction_run()
+    found = first_difference(silent_after(log, driven(log)))
+    assert (found.recorded, found.what) == (None, "drive, TPDO 5")
+
+
+def test_the_next_sync_proves_that_frames_lack_in_lockstep() -> None:
+    """The bench waits for the answers of a cycle before it sends SYNC."""
+    log = friction_run()
+    place = driven(log)
+    rest = silent_after(log, place)
+    behind = next(p for p in places(rest, SYNC) if p > place)
+    assert replayed(rest[:behind]).unjudged == ()
+    found = first_difference(rest[: behind + 1])
+    assert (found.recorded, found.what) == (None, "TPDO 2")
+
+
+@pytest.mark.parametrize("byte", [2, 7])
+def test_a_spoiled_shutdown_differs(byte: int) -> None:
+    log = friction_run()
+    place = places(log, DRIVE)[-1]
+    found = first_difference(changed(log, place, byte, log[place][1].data[byte] ^ 0x11))
+    assert found.number == place + 1
+
+
+def test_a_spoiled_frame_behind_a_shutdown_differs() -> None:
+    log = friction_run()
+    place = places(log, DRIVE)[-1]
+    found = first_difference(changed(log, place + 1, 0, log[place + 1][1].data[0] ^ 1))
+    assert found.number == place + 1
+
+
+def test_a_torn_shutdown_is_not_judged() -> None:
+    found = replayed(friction_run()[:-1])
+    [part] = found.unjudged
+    assert part.why == "node 32 ends at 0 V without all the frames of a shutdown"
+
+
+def test_a_node_shut_down_within_a_cycle_is_the_same() -> None:
+    """SYNC and measurement are in the log already, and the node has not received them."""
+    log = friction_run()
+    end = places(log, DRIVE)[-1]
+    at = log[end][0]
+    sync = places(log, SYNC)[-1]
+    unheard = [(at - 5, Frame(SYNC))]
+    for n, can_id in enumerate((0x1A1, 0x2A1, 0x3A1)):
+        data = log[places(log, can_id)[-1]][1].data
+        unheard.append((at - 4 + n, Frame(can_id, data)))
+    tick = unheard[1][1].data[4] + 1 & 0xFF
+    time, frame = unheard[1]
+    unheard[1] = time, Frame(frame.can_id, frame.data[:4] + bytes((tick,)) + frame.data[5:])
+    assert sync < end
+    # The measurement is of the next tick, and has no right check: the node has no time to see it.
+    assert replayed([*log[:end], *unheard, *log[end:]]).unjudged == ()
+
+
+def test_a_silent_node_is_not_judged_in_real_time() -> None:
+    log = foreign_sync_run()
+    place = driven(log)
+    rest = silent_after(log, place)
+    found = replayed(rest, lockstep=False, node=follower)
+    [part] = found.unjudged
+    assert part.why == "node 32 answers no measurement"
+    assert part.begun_s == pytest.approx((log[place][0] - log[0][0]) * 1e-6, abs=2e-3)
+    assert part.ended_s == found.ended_s
+    assert found.unjudged_share == pytest.approx(1 - part.begun_s / found.ended_s)
+
+
+def test_a_log_may_end_within_the_deadline() -> None:
+    log = foreign_sync_run()
+    place = driven(log)
+    last = [p for p in places(log, SYNC) if p > place][DEADLINE_MS - 1]
+    assert replayed(silent_after(log, place)[:last], lockstep=False, node=follower).unjudged == ()
+
+
+@pytest.mark.parametrize(("seconds", "silent"), [(0.9, False), (1.2, True)])
+def test_a_node_without_heartbeats_is_not_judged(seconds: float, silent: bool) -> None:
+    """It produces SYNC itself, so there are no measurements that it would have to answer."""
+    log = clocked_run()
+    end = log[-1][0]
+    others = [(end + 10_000 * n, Frame(0x701, b"\5")) for n in range(round(seconds * 100))]
+    found = replayed(log + others, lockstep=False)
+    assert [part.why for part in found.unjudged] == ["node 32 sends nothing"] * silent
+
+
+def test_a_shutdown_in_real_time_is_not_judged() -> None:
+    log: Log = []
+    bus = LocalBus(log=lambda *frame: log.append(frame))
+    master = LocalMaster(bus, lambda frame: None)
+    bus.attach(PlateNode(plate_od(), deadline_ms=DEADLINE_MS), lockstep=False)
+    node = clocked_node()
+    bus.attach(node, lockstep=False)
+    _drive(bus.advance, master, node)
+    bus.shutdown()
+    found = replayed(log, lockstep=False)
+    assert found.drives == len(places(log, DRIVE)) > 400
+    [part] = found.unjudged
+    assert part.why.startswith("node 32 ends at 0 V")
+    # With a voltage instead it differs.
+    place = places(log, DRIVE)[-1]
+    assert first_difference(changed(log, place, 0, 1), lockstep=False).number == place + 1
+
+
+# In real time SYNC of another node, deadlines, and what the node has counted.
+
+
+def follower() -> StimulatorNode:
+    return StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID, deadline_ms=DEADLINE_MS)
+
+
+@functools.cache
+def _foreign_sync_run(lost: int) -> tuple[tuple[int, Frame], ...]:
+    log: Log = []
+    bus = LocalBus(log=lambda *frame: log.append(frame))
+    master = LocalMaster(bus, lambda frame: None)
+    plate = bus.attach(PlateNode(plate_od(), deadline_ms=DEADLINE_MS), lockstep=False)
+    node = follower()
+    bus.attach(node, lockstep=False)
+
+    def advance(microseconds: int) -> None:
+        for _ in range(microseconds // 1000):
+            bus.advance(1000)
+            master.sync()
+
+    _drive(advance, master, node)
+    if lost:
+        plate.close()
+        advance(lost * 1000)
+    master.read(STIMULATOR_ID, node.od["Cycle.Missed deadlines"])
+    return tuple(log)
+
+
+def foreign_sync_run(*, lost: int = 0) -> Log:
+    """Half a second with SYNC of the master, and then so many ticks without the plate."""
+    return list(_foreign_sync_run(lost))
+
+
+def test_a_run_with_sync_of_a_master_is_the_same() -> None:
+    log = foreign_sync_run()
+    found = replayed(log, lockstep=False, node=follower)
+    assert found.drives == len(places(log, DRIVE)) > 400
+    assert found.unjudged == ()
+
+
+def test_a_lost_plate_trips_in_the_replay_too() -> None:
+    log = foreign_sync_run(lost=20)
+    codes = [log[place][1].data[:2].hex() for place in places(log, 0x0A0)]
+    assert codes == ["5182", "5082", "5082", "5082"]
+    assert not any(log[places(log, DRIVE)[-1]][1].data[:2])
+    found = replayed(log, lockstep=False, node=follower)
+    assert found.compared == sum(frame.can_id in OWN for _, frame in log)
+    assert found.unjudged == ()
+
+
+@pytest.mark.parametrize(
+    ("code", "judged"), [("5182", False), ("4182", False), ("1352", True)], ids=str
+)
+def test_a_fault_that_only_the_clock_decides_is_not_judged(code: str, judged: bool) -> None:
+    """Nothing in the log is late; the process of the node was, and it says so."""
+    log = foreign_sync_run()
+    place = driven(log)
+    emcy = (log[place][0], Frame(0x0A0, bytes.fromhex(code) + bytes(6)))
+    falsified = [*log[: place + 1], emcy, *log[place + 1 :]]
+    if judged:
+        found = first_difference(falsified, lockstep=False, node=follower)
+        assert (found.number, found.what) == (place + 2, "EMCY")
+    else:
+        [part] = replayed(falsified, lockstep=False, node=follower).unjudged
+        assert part.why == "after a fault that only the clock of the node decides"
+        assert part.frames == sum(frame.can_id in OWN for _, frame in log[place + 1 :]) + 1
+
+
+def test_a_fault_that_the_log_lacks_is_not_judged() -> None:
+    """By SYNC the deadline is over. The node did not find so, and goes on."""
+    log = foreign_sync_run(lost=20)
+    emcy = places(log, 0x0A0)[0]
+    last = max(place for place in places(log, DRIVE) if place < emcy - 1)
+    others = [one for one in log[last + 1 :] if one[1].can_id not in OWN]
+    read = places(log, SDO_FROM)[-1]
+    answered = sorted([*others, log[read]], key=lambda one: one[0])
+    found = replayed([*log[: last + 1], *answered], lockstep=False, node=follower)
+    assert [part.why for part in found.unjudged] == [
+        "after a fault that only the clock of the node decides"
+    ]
+
+
+def test_missed_deadlines_are_what_the_node_has_counted() -> None:
+    log = foreign_sync_run()
+    place = places(log, SDO_FROM)[-1]
+    assert replayed(changed(log, place, 4, 7), lockstep=False, node=follower).unjudged == ()
+    found = first_difference(changed(log, place, 3, 3), lockstep=False, node=follower)
+    assert found.number == place + 1
