@@ -38,6 +38,7 @@ from smarttac_can.bench.recorded_frames import (
 )
 from smarttac_can.bench.textures import Texture
 from smarttac_can.bench.traces import COLUMNS, Floats, Integers, data_frame
+from smarttac_can.bench.untrusted_hdf5 import UntrustedFile
 from smarttac_can.host.files import in_words, open_regular, replacing
 from smarttac_can.host.frame_log import RECORD, FrameLogReader, Records
 from smarttac_can.master.errors import BenchError
@@ -74,8 +75,6 @@ _CHUNK_ROWS: Final = 8192
 _NOT_OF_A_RECORDING: Final = (KeyError, TypeError, ValueError, AttributeError, OverflowError)
 """Errors raised by a head that is not that of a recording."""
 _EVERY_CYCLE, _ON_CHANGE = "every cycle", "on change, held"
-_MOST_COMPRESSED: Final = 1100
-"""Most bytes that deflate restores from one byte."""
 _NS: Final = 1_000_000_000
 _PLACE_UNITS: Final = {Axis.POSITION: ("mm", 1e-6), Axis.TIME: ("s", 1e-6)}
 
@@ -511,32 +510,37 @@ def read_recording(path: Path | str) -> RecordedData:
     with open_regular(path) as disk:
         try:
             with h5py.File(disk, "r") as file:
-                return _read(path, file)
+                return _read(path, UntrustedFile(file, os.fstat(disk.fileno()).st_size))
         except (*_NOT_OF_A_RECORDING, OSError, RuntimeError) as error:  # as h5py names damage
             raise BenchError(f"{path} is no recording that can be read: {error}") from error
+        except MemoryError as error:
+            raise BenchError(f"{path} needs more memory than there is") from error
 
 
-def _read(path: Path, file: h5py.File) -> RecordedData:
-    attributes = {name: _plain(value) for name, value in file.attrs.items()}
+def _read(path: Path, file: UntrustedFile) -> RecordedData:
+    attributes = file.attributes()
     if attributes.get("format") not in (FORMAT, _FORMAT_1):
         raise ValueError(f"its format is not {FORMAT!r} or older")
     current = _current_1 if attributes["format"] == _FORMAT_1 else _as_it_is
+    times = _read_times(file)
+    rows = len(times["tick"])
     channels, units = {}, {}
-    for stored_name, data in file["channels"].items():
+    for stored_name, data in file.members("channels"):
+        if data.shape != (rows,):
+            raise ValueError(f"{data.name} has the shape {data.shape} beside {rows} ticks")
         name = _NAMES.get(stored_name, stored_name)
-        scale, units[name] = current(data.attrs["units"])
-        channels[name] = _all_of(data) if scale == 1.0 else _all_of(data) * scale
+        scale, units[name] = current(str(file.attributes(data)["units"]))
+        channels[name] = file.numbers(data) if scale == 1.0 else file.numbers(data) * scale
     if current is _current_1 and {"cof", "position_mm"} <= channels.keys():
         channels["position_mm"][np.isnan(channels["cof"])] = np.nan
-    times = {name: _all_of(file[name]) for name in ("tick", "run", "host_time_ns")}
     for values in (*channels.values(), *times.values()):
         values.setflags(write=False)
     set_points = []
-    for row in _rows_of(file["set_points"], SetPoint):
+    for row in file.table(file.dataset("set_points"), SetPoint):
         scale, unit = current(row.units)
         set_points.append(row._replace(value=row.value * scale, units=unit))
     settings = {}
-    for setting in _rows_of(file["settings"], _Setting):
+    for setting in file.table(file.dataset("settings"), _Setting):
         scale, unit = current(setting.units)
         settings[setting.name] = setting.value * scale, unit
     return RecordedData(
@@ -544,46 +548,39 @@ def _read(path: Path, file: h5py.File) -> RecordedData:
         channels=channels,
         units=units,
         **times,
-        markers=_rows_of(file["markers"], Marker),
+        markers=file.table(file.dataset("markers"), Marker),
         set_points=set_points,
-        emergencies=_rows_of(file["emergencies"], Emergency),
-        gaps=_rows_of(file["gaps"], Missing),
-        textures=[_read_texture(data) for data in file.get("textures", {}).values()],
+        emergencies=file.table(file.dataset("emergencies"), Emergency),
+        gaps=file.table(file.dataset("gaps"), Missing),
+        textures=[_read_texture(file, data) for _, data in file.members("textures")],
         settings=settings,
-        metadata={name: attributes.get(name, "") for name in METADATA},
+        metadata={name: str(attributes.get(name, "")) for name in METADATA},
         attributes=attributes,
     )
 
 
-def _all_of(data: h5py.Dataset) -> npt.NDArray[Any]:
-    """Return all elements of a dataset; ValueError if it has too few bytes for them."""
-    if data.nbytes > _MOST_COMPRESSED * data.id.get_storage_size():
-        raise ValueError(f"{data.name} is too short for {data.size} elements")
-    values: npt.NDArray[Any] = data[:]
-    return values
+def _read_times(file: UntrustedFile) -> dict[str, Integers]:
+    """Return when each row was; ValueError if the rows are not in the order of time."""
+    times = {
+        name: file.numbers(file.dataset(name), "i") for name in ("tick", "run", "host_time_ns")
+    }
+    tick, run = times["tick"], times["run"]
+    sizes = {len(values) for values in times.values()}
+    if len(sizes) > 1:
+        raise ValueError("tick, run and host_time_ns differ in their number of rows")
+    if np.any(run[1:] < run[:-1]) or np.any((tick[1:] <= tick[:-1]) & (run[1:] == run[:-1])):
+        raise ValueError("its ticks run backwards")
+    return times
 
 
-def _rows_of(table: h5py.Dataset, kind: type[_Row]) -> list[_Row]:
-    """Return the rows of a table as named tuples; its columns are named like their fields."""
-    names = kind._fields
-    return [kind(*(_plain(row[name]) for name in names)) for row in _all_of(table)]
-
-
-def _plain(value: Any) -> Any:
-    """Return a value as a Python type: h5py gives texts of tables as bytes, numbers as numpy's."""
-    if isinstance(value, bytes):
-        return value.decode(errors="replace")
-    return value.item() if isinstance(value, np.generic) else value
-
-
-def _read_texture(data: h5py.Dataset) -> RecordedTexture:
-    attrs = {name: _plain(value) for name, value in data.attrs.items()}
+def _read_texture(file: UntrustedFile, data: h5py.Dataset) -> RecordedTexture:
+    attrs = file.attributes(data)
     texture = None
     if "axis" in attrs:
         axis = Axis[attrs["axis"].upper()]
         _, count = _PLACE_UNITS[axis]
         start, step = round(attrs["start"] / count), round(attrs["step"] / count)
-        values = tuple(int(count) for count in np.round(_all_of(data) / COF_COUNT).tolist())
+        values = tuple(int(count) for count in np.round(file.numbers(data) / COF_COUNT).tolist())
         texture = Texture(TextureTable(axis, bool(attrs["repeats"]), start, step, values))
     when = (attrs["host_time_ns"], attrs["run"], attrs["tick"], attrs["slot"])
     return RecordedTexture(*when, bool(attrs["before"]), bool(attrs["complete"]), texture)
