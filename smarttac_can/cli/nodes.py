@@ -21,9 +21,8 @@ from smarttac_can.cli.shared import (
     BusChoice,
     Command,
     bus_options,
-    load_file,
+    load_own,
     one_line,
-    own_node_id,
     plain_errors,
     require_two_nodes,
     seed_option,
@@ -39,6 +38,7 @@ from smarttac_can.host.files import (
     FaultFile,
     StorageFile,
     packaged_eds,
+    read_eds,
     read_lines,
     read_numbers,
     reason,
@@ -60,6 +60,7 @@ from smarttac_can.nodes.plate_node import PlateNode
 from smarttac_can.nodes.stimulator_node import StimulatorNode
 from smarttac_can.od.cia import UNCONFIGURED, Abort
 from smarttac_can.od.dictionary import ObjectDictionary
+from smarttac_can.od.eds import load_eds
 from smarttac_can.od.eds_check import check_pdos
 from smarttac_can.od.entry import Entry
 from smarttac_can.plant.finger import SAMPLE_RANGES, Trajectory
@@ -438,13 +439,12 @@ def node(
     if plate_node is not None:
         _refuse_finger("for the plate inside: give it to smarttac plate")
     with plain_errors(), blaming(eds):
-        fixed = own_node_id(node_id, unconfigured, eds)
-        od = load_device("stimulator.eds", eds, node_id, STIMULATOR_ID)
+        od, fixed = load_node("stimulator.eds", eds, node_id, unconfigured, STIMULATOR_ID)
         require_two_nodes(od.node_id, plate_node)
         motion, recording = finger
         inside, presets = None, {}
         if plate_node is None:
-            inside = PlateBlock(load_device("plate.eds", None, None, PLATE_ID), recording)
+            inside = PlateBlock(load_eds(read_eds("plate.eds"), PLATE_ID), recording)
             presets = _finger_presets(od, motion, subject, seed)
             know_nulls(od, inside.plate.nulls)
         device = StimulatorNode(
@@ -488,8 +488,7 @@ def plate(
 ) -> None:
     """Run the plate as a node of its own, simulated or a front end, until Ctrl-C or SIGTERM."""
     with plain_errors(), blaming(eds), ExitStack() as stack:
-        fixed = own_node_id(node_id, unconfigured, eds)
-        od = load_device("plate.eds", eds, node_id, PLATE_ID)
+        od, fixed = load_node("plate.eds", eds, node_id, unconfigured, PLATE_ID)
         motion, recording = finger
         hardware = None
         presets = {}
@@ -579,13 +578,13 @@ def _finger_presets(od: ObjectDictionary, motion: int, subject: int, seed: int) 
 _OWN_EDS = "leave --eds out, or begin with what 'smarttac eds show' writes"
 
 
-def load_device(
-    packaged: str, other: Path | None, node_id: int | None, absent: int
-) -> ObjectDictionary:
-    """Load a packaged EDS, or another one in its place, and print its warnings."""
-    od = load_file(packaged_eds(packaged) if other is None else other, node_id, absent)
+def load_node(
+    packaged: str, other: Path | None, node_id: int | None, unconfigured: bool, absent: int
+) -> tuple[ObjectDictionary, int | None]:
+    """Load a packaged EDS, or another one in its place, as `load_own`; print its warnings."""
+    od, fixed = load_own(other or packaged_eds(packaged), node_id, unconfigured, absent)
     warn(other or packaged, od.warnings)
-    return od
+    return od, fixed
 
 
 @contextmanager
@@ -640,8 +639,7 @@ def device(
     A DCF is run as the node that it is for.
     """
     with plain_errors():
-        fixed = own_node_id(node_id, unconfigured, eds)
-        od = load_file(eds, node_id)
+        od, fixed = load_own(eds, node_id, unconfigured)
         warn(eds, [*od.warnings, *map(str, check_pdos(od))])
         node = DeviceNode(Device(od, autostart=autostart, storage=storage, node_id=fixed))
         run_in_process("device", node, bus, Pace(lockstep))

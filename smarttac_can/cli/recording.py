@@ -14,7 +14,7 @@ from click.core import ParameterSource
 from smarttac_can.bench.recording import Recording
 from smarttac_can.bench.recording_file import METADATA, Summary, make_recording, require_new
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
-from smarttac_can.cli.nodes import blaming, load_device
+from smarttac_can.cli.nodes import blaming, load_node
 from smarttac_can.cli.shared import (
     NEW_FILE,
     NODE_ID,
@@ -247,7 +247,7 @@ def replay(
 
         def power_on() -> StimulatorNode:
             return StimulatorNode(
-                load_device("stimulator.eds", eds, node_id, STIMULATOR_ID),
+                load_node("stimulator.eds", eds, node_id, False, STIMULATOR_ID)[0],
                 plate_node_id=plate_node,
                 produce_sync=produce_sync,
                 lockstep=lockstep,

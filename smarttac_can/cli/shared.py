@@ -214,10 +214,15 @@ def load_file(file: Path, node_id: int | None = None, absent: int = 1) -> Object
     click.ClickException
         The file cannot be interpreted, or is the DCF of another node.
     """
+    return _loaded(file, node_id, absent)[0]
+
+
+def _loaded(file: Path, node_id: int | None, absent: int) -> tuple[ObjectDictionary, int | None]:
+    """Return the object dictionary, and the node-ID of the user or the DCF."""
     text = read_eds_file(file)
     with naming(file, ValueError):
         own = node_id_of(read_sections(text, []), node_id)
-        return load_eds(text, absent if own is None else own)
+        return load_eds(text, absent if own is None else own), own
 
 
 @cache
@@ -235,37 +240,41 @@ def is_ours(od: ObjectDictionary) -> bool:
     return _kind(od) in _own_identities()
 
 
-def own_node_id(node_id: int | None, unconfigured: bool, file: Path | None = None) -> int | None:
-    """Return the node-ID that a user gave, or that of a DCF; either overrides a stored one.
+def load_own(
+    file: Path, node_id: int | None, unconfigured: bool, absent: int = 1
+) -> tuple[ObjectDictionary, int | None]:
+    """Load the EDS or DCF of a device to run.
 
     Parameters
     ----------
-    file
-        EDS or DCF of the device; None for a packaged EDS.
+    node_id, unconfigured
+        Node-ID that the user gave, and whether the device waits for LSS.
+    absent
+        Node-ID for an EDS if the user gave none.
 
     Returns
     -------
+    ObjectDictionary
+        Objects of the device.
     int or None
-        `UNCONFIGURED` for a device that waits for LSS; None for the stored node-ID, or else the
-        default.
+        Node-ID of the user or the DCF, which overrides a stored one; `UNCONFIGURED` for a device
+        that waits for LSS; None for the stored node-ID, or else the default.
 
     Raises
     ------
     click.UsageError
         A node-ID is given for an unconfigured device.
     click.ClickException
-        The DCF is of another node.
+        The file cannot be interpreted, or is the DCF of another node.
     """
     if unconfigured and node_id is not None:
         raise click.UsageError(f"--unconfigured has no --node-id, but {node_id} is given")
-    if file is not None:
-        with naming(file):
-            node_id = node_id_of(read_sections(read_eds_file(file), []), node_id)
-    if unconfigured and node_id is not None:
+    od, own = _loaded(file, node_id, absent)
+    if unconfigured and own is not None:
         raise click.UsageError(
-            f"--unconfigured has no node-ID, but {file} is the DCF of node {node_id}: give its EDS"
+            f"--unconfigured has no node-ID, but {file} is the DCF of node {own}: give its EDS"
         )
-    return UNCONFIGURED if unconfigured else node_id
+    return od, UNCONFIGURED if unconfigured else own
 
 
 def _storage(

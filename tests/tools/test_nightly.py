@@ -64,11 +64,9 @@ def test_a_run_that_the_page_does_not_list(
 
 
 ROWS = runpy.run_path(str(TOOL))["rows"]()
-# The rows of mutmut have no option, and it is no part of the test extra.
-OWN = [name for name, cells in ROWS.items() if not cells[2].startswith("`mutmut ")]
 
 
-@pytest.mark.parametrize("name", OWN)
+@pytest.mark.parametrize("name", ROWS)
 def test_every_command_takes_its_options(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(TOOL.parent))
     _, *command = runpy.run_path(str(TOOL))["command_of"](ROWS[name])
