@@ -257,7 +257,7 @@ def test_a_fault_shows_and_is_reset(browser: Tab) -> None:
         browser.until(lambda: browser.text("state") == "ready")
         assert not browser.text("alarm")
         browser.enter("amplitude", "99")
-        browser.until(lambda: "cannot write 99000 nm" in browser.text("answer"))
+        browser.until(lambda: "amplitude 99 um is above 3 um" in browser.text("answer"))
 
 
 def test_the_space_bar_is_0_v_two_cycles_after_it_is_received(browser: Tab) -> None:

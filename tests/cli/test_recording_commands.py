@@ -361,7 +361,7 @@ def test_what_is_no_log_is_refused_in_one_line(run: Log, tmp_path: Path) -> None
         not_judged(long)
     unknown = tmp_path / "run.txt"
     unknown.touch()
-    assert "run.txt is none of .log, .asc, .csv, .trc, .blf" in not_judged(unknown)
+    assert "run.txt: the log is empty" in not_judged(unknown)
     assert "does not exist" in no_replay(tmp_path / "none.log", code=2)
     assert "is a directory" in no_replay(tmp_path, code=2)
 

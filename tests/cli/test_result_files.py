@@ -41,6 +41,7 @@ FILES: dict[str, tuple[str | Path, ...]] = {
     "replay --json": ("replay", __file__, "--json"),
     "record --json": ("record", "new.h5", *CHANNEL, "--json"),
     "selftest --json": ("selftest", *CHANNEL, "--json"),
+    "sdo read --json": ("sdo", "read", "5", "1018sub1", "--eds", "plate", *CHANNEL, "--json"),
     "status --json": ("status", *CHANNEL, "--json"),
     "calibrate --certificate": ("calibrate", __file__, *CHANNEL, "--certificate"),
     "eds check --json": ("eds", "check", "plate", "--json"),
@@ -89,7 +90,7 @@ def test_each_command_with_a_file_for_results_has_force_and_a_case_here() -> Non
         if any(parameter.opts[0] == "--force" for parameter in command.params)
     }
     assert {name.partition(" ")[0] for name in options} <= with_force
-    cases = {name.removeprefix("eds ") for name in FILES} | set(FOLDERS)
+    cases = {name.removeprefix("eds ").removeprefix("sdo ") for name in FILES} | set(FOLDERS)
     assert options == cases
 
 

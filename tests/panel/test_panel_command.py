@@ -162,7 +162,7 @@ def test_it_drives_a_bus_and_stops(node: StimulatorNode, multicast: dict[str, An
                 await asyncio.to_thread(setattr, other, "mode", "amplitude")
             await page.line("amplitude 1.5")
             await page.send(do="line", text="amplitude 99")
-            await page.until(lambda: "cannot write 99000 nm" in page.now["answer"])
+            await page.until(lambda: "amplitude 99 um is above 3 um" in page.now["answer"])
             await page.send(do="stop")
             await page.until(lambda: page.now["state"] == "ready")
             await shows(node, Mode.OFF)
