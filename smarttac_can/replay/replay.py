@@ -423,6 +423,7 @@ class ReplayedNode:
         self._computed: dict[int, deque[Stamped]] = {}
         self._samples: dict[int, deque[Frame]] = {}
         self._drove = lockstep
+        self._half_heard: int | None = None
         self._shutdown: list[Frame] | None = None
         node_id = node.od.node_id
         self._sdo, self._emcy = SDO_TX_ID + node_id, EMCY_ID + node_id
@@ -584,22 +585,21 @@ class ReplayedNode:
         """Return how many waiting frames the node may have received before it sent a frame.
 
         For a drive these are the ones up to the measurement of its tick. If that does not wait, the
-        drive was not caused by a measurement.
+        drive was not caused by a measurement, unless its first frame was received before.
         """
         waiting = self._waiting
         if not self.drives(frame):
             return len(waiting)
-        first, *_, last = [_can_id(self.od, RPDO_COMMUNICATION + n - 1) for n in MEASUREMENT_RPDOS]
+        last = self._measurement_ids()[-1]
         ends = [place for place, (_, one) in enumerate(waiting) if one.can_id == last]
         tick = self._tick(TPDO_MAPPING + DRIVE_TPDO - 1, Direction.TRANSMIT, frame)
         for place in range(len(waiting) - 1, -1, -1):
-            one = waiting[place][1]
-            if one.can_id == first and tick == self._tick(
-                RPDO_MAPPING + MEASUREMENT_RPDOS[0] - 1, Direction.RECEIVE, one
-            ):
+            if tick is not None and tick == self._begins_tick(waiting[place][1]):
                 end = next((end for end in ends if end > place), place)
                 return end + 1 - self._leave_out(place)
-        return ends[0] if ends else len(waiting)
+        if not ends:
+            return len(waiting)
+        return ends[0] + (tick is not None and tick == self._half_heard)
 
     def _leave_out(self, place: int) -> int:
         """Drop the measurements before the first one that was answered; return how many frames."""
@@ -612,10 +612,17 @@ class ReplayedNode:
         return place - len(before)
 
     def _is_measurement(self, frame: Frame) -> bool:
-        return any(
-            frame.can_id == _can_id(self.od, RPDO_COMMUNICATION + rpdo - 1)
-            for rpdo in MEASUREMENT_RPDOS
-        )
+        return frame.can_id in self._measurement_ids()
+
+    def _measurement_ids(self) -> tuple[int, ...]:
+        numbers = (RPDO_COMMUNICATION + rpdo - 1 for rpdo in MEASUREMENT_RPDOS)
+        return tuple(_can_id(self.od, number) for number in numbers)
+
+    def _begins_tick(self, frame: Frame) -> int | None:
+        """Return the tick of the measurement that a frame begins, modulo that of a drive."""
+        if frame.can_id != self._measurement_ids()[0]:
+            return None
+        return self._tick(RPDO_MAPPING + MEASUREMENT_RPDOS[0] - 1, Direction.RECEIVE, frame)
 
     def _tick(self, index: int, direction: Direction, frame: Frame) -> int | None:
         """Return the tick in a PDO, modulo that of a drive; None if it has no tick."""
@@ -626,6 +633,10 @@ class ReplayedNode:
         if frame.can_id == self.sync_id:
             self._synced = time
             self._put(self._node.advance(TICK_US))
+        if (tick := self._begins_tick(frame)) is not None:
+            self._half_heard = tick
+        elif frame.can_id == self._measurement_ids()[-1]:
+            self._half_heard = None
         device = self._node.device
         was = device.nmt_state
         self._put(self._node.receive(frame))

@@ -446,6 +446,18 @@ def test_a_read_behind_the_first_measurement_is_answered_after_it(late: int) -> 
     assert replayed(busy, lockstep=False).drives == len(places(log, DRIVE))
 
 
+def test_a_read_within_a_measurement_is_answered_before_the_drive() -> None:
+    """Its answer shows that the first frame of the measurement was received, and the rest not."""
+    log = clocked_run()
+    measured, drive = places(log, 0x1A1)[5], places(log, DRIVE)[5]
+    asked = log[measured][0]
+    parts = [(asked, READ), (asked + 1, LIVE)]
+    busy = [*log[: measured + 1], *parts, *log[measured + 1 :]]
+    assert log[measured + 1][1].can_id == 0x2A1
+    assert measured < drive
+    assert replayed(busy, lockstep=False).drives == len(places(log, DRIVE))
+
+
 def test_the_start_may_be_heard_together_with_what_came_behind_it() -> None:
     """Of the node nothing but its SYNC is between its start and its first drive."""
     log = clocked_run()
