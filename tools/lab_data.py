@@ -94,7 +94,9 @@ def picture(originals: dict[str, Samples], tables: dict[str, Texture]) -> None:
 
 def main() -> None:
     """Make the files, and the picture if asked for."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("folder", type=Path)
     parser.add_argument("--draw", action="store_true", help=f"renew {PICTURE.name}")
     arguments = parser.parse_args()

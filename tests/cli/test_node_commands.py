@@ -10,7 +10,7 @@ from rich_eds import RICH_EDS
 from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.cli import nodes
 from smarttac_can.cli.nodes import Pace, StateLines, read_finger
-from smarttac_can.cli.shared import BusChoice, own_node_id
+from smarttac_can.cli.shared import BusChoice, load_own
 from smarttac_can.device.frame import Frame
 from smarttac_can.device.storage import Memory
 from smarttac_can.host.bus import QueueFullError
@@ -228,8 +228,8 @@ def test_a_device_of_a_dcf_is_its_node(multicast, tmp_path):
     file = tmp_path / "rich-12.dcf"
     made = ("--node-id", "12", "--bitrate", "500000", "--output", file)
     succeed("eds", "dcf", RICH_EDS, *made)
-    assert own_node_id(None, unconfigured=False, file=file) == 12
-    assert own_node_id(12, unconfigured=False, file=file) == 12
+    for node_id in (None, 12):
+        assert load_own(file, node_id, unconfigured=False)[1] == 12
     device = NodeProcess("device", "--eds", str(file), *multicast_options(multicast))
     try:
         device.wait_for(f"device 12 ready on udp_multicast:{multicast['channel']}")

@@ -53,6 +53,7 @@ def tool(page: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> M
     monkeypatch.setattr(page, "SUMMARY", tmp_path / "fmeda.json")
     monkeypatch.setattr(page, "JOBS", 1)
     monkeypatch.setattr(page, "grid_cells", lambda _seed, *, fine=False: CELLS)
+    monkeypatch.setattr(page, "random_cells", lambda count, _seed: CELLS[:count])
     return page
 
 
@@ -106,22 +107,24 @@ def test_rows_are_summed_up_by_patterns(page: ModuleType) -> None:
 
 
 def test_the_tool_writes_what_a_check_takes(tool: ModuleType) -> None:
-    expected = "8 cells, 0 violations; 0 false trips\n"
-    assert run(tool, "--fine", "--healthy", "2", "--seed", "5") == (0, expected)
+    expected = "9 cells, 0 violations; 0 false trips\n"
+    told = ("--fine", "--random", "1", "--healthy", "2", "--seed", "5")
+    assert run(tool, *told) == (0, expected)
     made = json.loads(tool.SUMMARY.read_text())
-    assert made["command"] == "tools/fmeda.py --fine --healthy 2 --seed 5"
+    assert made["command"] == f"tools/fmeda.py {' '.join(told)}"
     assert [(s["name"], s["seed"], s["cells"]) for s in made["sweeps"]] == [
         ("coarse", 1, 2),
         ("fine", 5, 2),
+        ("random", 5, 1),
         ("coarse, 60 Hz/um", 1, 2),
         ("coarse, 150 Hz/um", 1, 2),
     ]
     assert {name: row["cells"] for name, row in made["failures"].items()} == {
-        "pick-up d: gain below 1": 2,
+        "pick-up d: gain below 1": 3,
         "pick-up d: gain above 1": 2,
     }
-    assert made["factors"]["identified"]["identified with all sensors sound"]["cells"] == 4
-    assert made["factors"]["mode"]["amplitude"]["cells"] == 4
+    assert made["factors"]["identified"]["identified with all sensors sound"]["cells"] == 5
+    assert made["factors"]["mode"]["amplitude"]["cells"] == 5
     assert made["healthy"]["runs"] == 2
     assert run(tool, "--check") == (0, "2 cells, 0 violations\n")
 
