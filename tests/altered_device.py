@@ -5,13 +5,13 @@ from collections.abc import Callable, Collection, Iterator
 from read_once import read_once
 from rich_eds import RICH
 
-from smarttac_can.conformance.case import DeviceDescription, Result
-from smarttac_can.conformance.examiner import Examiner
-from smarttac_can.conformance.run import CASES, DeviceTimeBus, run_cases
-from smarttac_can.device.device import Device
-from smarttac_can.device.frame import Frame
-from smarttac_can.host.node import without_queue
-from smarttac_can.nodes.device_node import DeviceNode
+from smarttac_can.canopen.bus.node import without_queue
+from smarttac_can.canopen.conformance.case import DeviceDescription, Result
+from smarttac_can.canopen.conformance.examiner import Examiner
+from smarttac_can.canopen.conformance.run import CASES, DeviceTimeBus, run_cases
+from smarttac_can.canopen.device.device import Device
+from smarttac_can.canopen.device.frame import Frame
+from smarttac_can.instrument.nodes.device_node import DeviceNode
 
 NODE_ID = 0x20
 SDO, HEARTBEAT, EMCY, TPDO = 0x5A0, 0x720, 0x0A0, 0x1A0

@@ -7,9 +7,9 @@ from collections.abc import Callable
 
 from nodes_on_a_bus import GUARD_S
 
-from smarttac_can.device.frame import Frame
-from smarttac_can.host.local_bus import LocalBus
-from smarttac_can.host.node import HostedNode
+from smarttac_can.canopen.bus.local_bus import LocalBus
+from smarttac_can.canopen.bus.node import HostedNode
+from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.host.runner import run_node
 

@@ -7,8 +7,8 @@ from importlib import import_module
 from pathlib import Path
 from unittest import mock
 
-from smarttac_can.campaign.runner import prepare
-from smarttac_can.population.compiled import can_compile
+from smarttac_can.science.population.compiled import can_compile
+from smarttac_can.studies.campaign.runner import prepare
 
 
 def compile_once() -> None:

@@ -28,7 +28,7 @@ settings.load_profile("any pace")
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-# Thousands of tests make the nodes of the project; tests/od reads EDS files.
+# Thousands of tests make the nodes of the project; tests/canopen/od reads EDS files.
 simulation.load_eds = read_once  # type: ignore[attr-defined]
 
 
@@ -36,7 +36,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--write-golden",
         action="store_true",
-        help="write what the nodes do now over the transcripts under tests/nodes/golden",
+        help="write what the nodes do now over the transcripts under tests/instrument/nodes/golden",
     )
 
 

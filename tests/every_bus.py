@@ -23,12 +23,12 @@ from toy_node import (
     ToyNode,
 )
 
-from smarttac_can.device.device import Device
-from smarttac_can.device.frame import Frame
-from smarttac_can.device.nmt import NMTState
-from smarttac_can.master import requests
-from smarttac_can.nodes.device_node import DeviceNode
-from smarttac_can.od.cia import COB_INVALID, LSS_MASTER_ID, UNCONFIGURED, NMTCommand
+from smarttac_can.canopen.device.device import Device
+from smarttac_can.canopen.device.frame import Frame
+from smarttac_can.canopen.device.nmt import NMTState
+from smarttac_can.canopen.master import requests
+from smarttac_can.canopen.od.cia import COB_INVALID, LSS_MASTER_ID, UNCONFIGURED, NMTCommand
+from smarttac_can.instrument.nodes.device_node import DeviceNode
 
 NODE_ID: Final = 0x20
 ROUNDS: Final = 20

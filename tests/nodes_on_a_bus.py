@@ -18,12 +18,12 @@ import can
 
 from smarttac_can.bench import Stimulator
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID, plate_od, stimulator_od
-from smarttac_can.device.frame import Frame
+from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.host.runner import run_node
-from smarttac_can.nodes.plate_block import PlateBlock
-from smarttac_can.nodes.plate_node import PlateNode
-from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.instrument.nodes.plate_block import PlateBlock
+from smarttac_can.instrument.nodes.plate_node import PlateNode
+from smarttac_can.instrument.nodes.stimulator_node import StimulatorNode
 
 GUARD_S = 60.0
 """Only ever waited for by a test that is about to fail."""

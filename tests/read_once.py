@@ -3,8 +3,8 @@
 import pickle
 from functools import cache
 
-from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.od.eds import load_eds
+from smarttac_can.canopen.od.dictionary import ObjectDictionary
+from smarttac_can.canopen.od.eds import load_eds
 
 
 @cache

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from smarttac_can.device.device import Device
-from smarttac_can.device.frame import Frame
-from smarttac_can.od.eds import load_eds
+from smarttac_can.canopen.device.device import Device
+from smarttac_can.canopen.device.frame import Frame
+from smarttac_can.canopen.od.eds import load_eds
 
 NODE_ID = 9
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from smarttac_can.nodes.stimulator_block import StimulatorBlock
+from smarttac_can.instrument.nodes.stimulator_block import StimulatorBlock
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "explanation" / "architecture.md").read_text(encoding="utf-8")

@@ -15,14 +15,14 @@ from nodes_on_a_bus import GUARD_S, in_threads, stimulator_with_plate, until
 
 from smarttac_can.bench import Stimulator
 from smarttac_can.bench.simulation import LocalLink, plate_od, stimulator_od
-from smarttac_can.device.frame import Frame
-from smarttac_can.device.nmt import NMTState
+from smarttac_can.canopen.device.frame import Frame
+from smarttac_can.canopen.device.nmt import NMTState
 from smarttac_can.host.front_ends import TimedFrontEnd
-from smarttac_can.nodes.plate_block import PlateBlock
-from smarttac_can.nodes.plate_node import PlateNode
-from smarttac_can.nodes.stimulator_block import StimulatorBlock
-from smarttac_can.nodes.stimulator_node import StimulatorNode
-from smarttac_can.plant.finger import Trajectory
+from smarttac_can.instrument.nodes.plate_block import PlateBlock
+from smarttac_can.instrument.nodes.plate_node import PlateNode
+from smarttac_can.instrument.nodes.stimulator_block import StimulatorBlock
+from smarttac_can.instrument.nodes.stimulator_node import StimulatorNode
+from smarttac_can.science.plant.finger import Trajectory
 from smarttac_can.vocabulary.states import State
 
 ROOT = Path(__file__).parents[1]

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
+from smarttac_can.assurance.timing.loop_timing import frozen_stage
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID, plate_od, stimulator_od
+from smarttac_can.canopen.od.timing import bus_load, cyclic_frames, frame_seconds
 from smarttac_can.host.faulty_bus import FaultyBus, FrameFault
-from smarttac_can.nodes.loop_frames import crc8, is_sound, links_to_plate
-from smarttac_can.nodes.states import TRANSITIONS
-from smarttac_can.od.timing import bus_load, cyclic_frames, frame_seconds
-from smarttac_can.plant.faults import Fault
-from smarttac_can.timing.loop_timing import frozen_stage
+from smarttac_can.instrument.nodes.loop_frames import crc8, is_sound, links_to_plate
+from smarttac_can.instrument.nodes.states import TRANSITIONS
+from smarttac_can.science.plant.faults import Fault
 from smarttac_can.vocabulary.faults import SENSOR_KINDS, FaultKind
 from smarttac_can.vocabulary.states import STATE_SHIFT, State, Status
 

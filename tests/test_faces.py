@@ -12,15 +12,17 @@ import pytest
 import smarttac_can
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = [
-    f"smarttac_can.{m.name}" for m in pkgutil.iter_modules(smarttac_can.__path__) if m.ispkg
-]
+FOUND = [*pkgutil.walk_packages(smarttac_can.__path__, "smarttac_can.")]
+PACKAGES = {module.name for module in FOUND if module.ispkg}
+# A room that holds packages alone has no face, and the command has none.
+MODULES = {module.name for module in FOUND if not module.ispkg}
+FACES = sorted({name.rpartition(".")[0] for name in MODULES} - {"smarttac_can", "smarttac_can.cli"})
 PYTHON = ROOT / "docs" / "reference" / "python.md"
 GUIDES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 FOR_USERS = [guide for guide in GUIDES if guide.parent.name not in ("decisions", "dev")]
 
 
-@pytest.mark.parametrize("package", [name for name in PACKAGES if name != "smarttac_can.cli"])
+@pytest.mark.parametrize("package", FACES)
 def test_what_a_face_names_can_be_had(package: str) -> None:
     face = importlib.import_module(package)
     assert face.__doc__
@@ -34,20 +36,19 @@ def test_what_a_face_names_can_be_had(package: str) -> None:
 @pytest.mark.parametrize("guide", GUIDES, ids=lambda path: path.stem)
 def test_guides_import_from_faces_only(guide: Path) -> None:
     found = re.findall(r"(?:from|import) (smarttac_can[\w.]*)", guide.read_text(encoding="utf-8"))
-    assert set(found) <= {"smarttac_can", *PACKAGES}
+    assert set(found) <= {"smarttac_can", *FACES}
 
 
 @pytest.mark.parametrize("guide", FOR_USERS, ids=lambda path: path.stem)
 def test_what_guides_name_is_in_a_face(guide: Path) -> None:
-    for package, name in re.findall(
-        r"`(smarttac_can\.\w+)\.(\w+)", guide.read_text(encoding="utf-8")
-    ):
+    named = set(re.findall(r"`(smarttac_can\.[\w.]*\w)", guide.read_text(encoding="utf-8")))
+    for package, _, name in (each.rpartition(".") for each in named - PACKAGES):
         assert name in importlib.import_module(package).__all__
 
 
 def test_the_reference_lists_every_face() -> None:
     listed = re.findall(r"^\| \[`([\w.]+)`\]", PYTHON.read_text(encoding="utf-8"), re.MULTILINE)
-    assert sorted(listed) == [name for name in sorted(PACKAGES) if name != "smarttac_can.cli"]
+    assert sorted(listed) == FACES
 
 
 def loaded_by(statements: str) -> set[str]:
@@ -69,27 +70,38 @@ try:
 except SystemExit:
     pass
 """
-PURE = ("od", "vocabulary", "device", "plant", "control", "nodes", "population")
+PURE = (
+    "canopen.od",
+    "vocabulary",
+    "canopen.device",
+    "science.plant",
+    "science.control",
+    "instrument.nodes",
+    "science.population",
+)
 
 
-@pytest.mark.parametrize("face", ["commissioning", "host", "master"])
+@pytest.mark.parametrize("face", ["canopen.commissioning", "host", "canopen.master"])
 def test_a_face_with_modules_for_the_bus_loads_nothing_of_its_package(face: str) -> None:
     loaded = loaded_by(imports(face))
-    assert {name for name in loaded if name.count(".") > 1 and name.startswith("smarttac")} == set()
+    assert not {name for name in loaded if name.startswith(f"smarttac_can.{face}.")}
     assert not loaded & {"can", "canopen"}
 
 
 @pytest.mark.parametrize(
     ("statements", "unwanted"),
     [
-        (f"import {', '.join(name for name in PACKAGES if name != 'smarttac_can.cli')}", HEAVY),
+        (f"import {', '.join(FACES)}", HEAVY),
         # What is pure, or reads logs, has no bus.
-        (imports(*PURE, "audit", "replay", "conformance"), {"can", "canopen", *HEAVY}),
+        (
+            imports(*PURE, "assurance.audit", "instrument.replay", "canopen.conformance"),
+            {"can", "canopen", *HEAVY},
+        ),
         # A node needs nothing that reports alone do.
         (imports("cli.nodes"), {"matplotlib", "scipy", "pytest", "hypothesis"}),
         # A report needs matplotlib only to draw, and figures need no window.
-        (imports("paper.report"), {"matplotlib"}),
-        (imports("paper.figures"), {"matplotlib.pyplot"}),
+        (imports("studies.paper.report"), {"matplotlib"}),
+        (imports("studies.paper.figures"), {"matplotlib.pyplot"}),
         # The modules of a command are loaded when it is called.
         (HELP, {"can", "canopen", "numpy", "matplotlib"}),
     ],

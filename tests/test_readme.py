@@ -9,7 +9,7 @@ from pathlib import Path
 from readme_renderer import markdown
 
 import smarttac_can
-from smarttac_can.paper.references import TITLE
+from smarttac_can.studies.paper.references import TITLE
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"

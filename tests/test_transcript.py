@@ -3,7 +3,7 @@
 import pytest
 from transcript import frame, microseconds, play, show, written
 
-from smarttac_can.device.frame import Frame
+from smarttac_can.canopen.device.frame import Frame
 
 BOOT_UP = Frame(0x720, b"\0")
 

@@ -6,8 +6,8 @@ Run as a program it is a node on a multicast bus, for tests that need another pr
 
 import sys
 
-from smarttac_can.device.frame import Frame
-from smarttac_can.device.port import Clock, Identifiers
+from smarttac_can.canopen.device.frame import Frame
+from smarttac_can.canopen.device.port import Clock, Identifiers
 from smarttac_can.host.process_signals import stop_on_signals
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.host.runner import run_node

@@ -18,7 +18,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable
 
-from smarttac_can.device.frame import Frame
+from smarttac_can.canopen.device.frame import Frame
 
 Act = Callable[[str, str], list[Frame]]
 """What is sent because of an event: its sign, and what stands behind the sign."""

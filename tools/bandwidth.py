@@ -15,22 +15,22 @@ import numpy as np
 import textures
 from pages import EXPLANATION, REFERENCE, Pages, columns, made, renewed
 
+from smarttac_can.assurance.trials.texture_playing import LEVELS, play
+from smarttac_can.assurance.trials.workers import sharing
 from smarttac_can.bench.drawing import GREEN, INK, RED, canvas, save
 from smarttac_can.bench.textures import Texture, track
-from smarttac_can.control.cascade import Cascade
-from smarttac_can.control.parameters import CascadeParameters
-from smarttac_can.control.texture import texture_of
-from smarttac_can.control.tribometer import calibration
-from smarttac_can.plant.finger import Stroke, ramp_of
-from smarttac_can.plant.friction import bare_friction, friction_map, sliding_friction
-from smarttac_can.plant.parameters import PlateParameters
-from smarttac_can.plant.plate import Plate
-from smarttac_can.plant.skin import skin_of
-from smarttac_can.plant.subjects import SUBJECTS
-from smarttac_can.population.fingers import CASES, draw_finger
-from smarttac_can.population.trial import Campaign, outcome_of
-from smarttac_can.trials.texture_playing import LEVELS, play
-from smarttac_can.trials.workers import sharing
+from smarttac_can.science.control.cascade import Cascade
+from smarttac_can.science.control.parameters import CascadeParameters
+from smarttac_can.science.control.texture import texture_of
+from smarttac_can.science.control.tribometer import calibration
+from smarttac_can.science.plant.finger import Stroke, ramp_of
+from smarttac_can.science.plant.friction import bare_friction, friction_map, sliding_friction
+from smarttac_can.science.plant.parameters import PlateParameters
+from smarttac_can.science.plant.plate import Plate
+from smarttac_can.science.plant.skin import skin_of
+from smarttac_can.science.plant.subjects import SUBJECTS
+from smarttac_can.science.population.fingers import CASES, draw_finger
+from smarttac_can.science.population.trial import Campaign, outcome_of
 from smarttac_can.vocabulary.signals import TICK, Drive, Setpoint
 from smarttac_can.vocabulary.states import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.textures import COF_COUNT, Axis, TextureTable

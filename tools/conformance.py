@@ -30,18 +30,18 @@ import durand
 from durand.scheduler import AsyncScheduler
 from pages import REFERENCE, Pages, made, renewed
 
-from smarttac_can.conformance.case import DeviceDescription, Result
-from smarttac_can.conformance.examiner import Examiner
-from smarttac_can.conformance.refusals import REFUSALS
-from smarttac_can.conformance.run import CASES, GROUPS, DeviceTimeBus, run_cases
-from smarttac_can.device.device import Device
+from smarttac_can.canopen.conformance.case import DeviceDescription, Result
+from smarttac_can.canopen.conformance.examiner import Examiner
+from smarttac_can.canopen.conformance.refusals import REFUSALS
+from smarttac_can.canopen.conformance.run import CASES, GROUPS, DeviceTimeBus, run_cases
+from smarttac_can.canopen.device.device import Device
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.dictionary import ObjectDictionary
+from smarttac_can.canopen.od.eds import load_eds
+from smarttac_can.canopen.od.entry import Entry
+from smarttac_can.canopen.od.object_reference import table
 from smarttac_can.host.python_can import PythonCanBus
-from smarttac_can.nodes.device_node import DeviceNode
-from smarttac_can.od import cia
-from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.od.eds import load_eds
-from smarttac_can.od.entry import Entry
-from smarttac_can.od.object_reference import table
+from smarttac_can.instrument.nodes.device_node import DeviceNode
 
 ROOT = Path(__file__).resolve().parent.parent
 EDS = ROOT / "tests" / "eds" / "rich.eds"

@@ -21,10 +21,7 @@ from pathlib import Path
 import click
 from pages import REFERENCE, differences, parser_of, renewed, write
 
-from smarttac_can.host.bus import LogHook
-from smarttac_can.host.log_file import CandumpWriter
-from smarttac_can.od.object_reference import table
-from smarttac_can.trials.fault_cases import (
+from smarttac_can.assurance.trials.fault_cases import (
     ALL_NOT_SEEN,
     ALL_TOLERATED,
     CASES,
@@ -36,7 +33,7 @@ from smarttac_can.trials.fault_cases import (
     FaultCase,
     cases,
 )
-from smarttac_can.trials.fault_matrix import (
+from smarttac_can.assurance.trials.fault_matrix import (
     HOLD_CYCLES,
     FaultRow,
     fault_matrix,
@@ -44,6 +41,9 @@ from smarttac_can.trials.fault_matrix import (
     rows_as_json,
     tolerated,
 )
+from smarttac_can.canopen.bus.bus import LogHook
+from smarttac_can.canopen.od.object_reference import table
+from smarttac_can.host.log_file import CandumpWriter
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 
 CHECK_HOLD_CYCLES = 1000

@@ -13,7 +13,7 @@ off the paper's, in units of 0.5 ms and of 5 % of the step. A finger that cannot
 references, or chatters, is out. A random walk from `START`, longer after a step that was better and
 shorter after one that was not, looks for the least. Nothing depends on anything but the seeds: the
 same machine prints the same fingers. They are checked with other seeds, in
-tests/paper/test_fitted.py.
+tests/studies/paper/test_fitted.py.
 
 Example: python tools/fit_fingers.py 2
 """
@@ -30,18 +30,18 @@ import numpy as np
 from pages import parser_of
 
 from smarttac_can.bench.traces import Trace
-from smarttac_can.control.cascade import Cascade
-from smarttac_can.control.parameters import CascadeParameters
-from smarttac_can.control.tribometer import calibration
-from smarttac_can.paper.experiments import COF_REFERENCES, COLD_RESONANCE, PASSES
-from smarttac_can.paper.metrics import align_at_switch
-from smarttac_can.paper.references import OVERSHOOTS_PERCENT, RISE_TIMES_MS
-from smarttac_can.plant.finger import Stroke
-from smarttac_can.plant.friction import check_reach, sliding_coefficient
-from smarttac_can.plant.parameters import PlateParameters
-from smarttac_can.plant.plate import Plate
-from smarttac_can.plant.subjects import SUBJECTS, Subject
-from smarttac_can.population.steps import UndefinedError, overshoot_percent, rise_time
+from smarttac_can.science.control.cascade import Cascade
+from smarttac_can.science.control.parameters import CascadeParameters
+from smarttac_can.science.control.tribometer import calibration
+from smarttac_can.science.plant.finger import Stroke
+from smarttac_can.science.plant.friction import check_reach, sliding_coefficient
+from smarttac_can.science.plant.parameters import PlateParameters
+from smarttac_can.science.plant.plate import Plate
+from smarttac_can.science.plant.subjects import SUBJECTS, Subject
+from smarttac_can.science.population.steps import UndefinedError, overshoot_percent, rise_time
+from smarttac_can.studies.paper.experiments import COF_REFERENCES, COLD_RESONANCE, PASSES
+from smarttac_can.studies.paper.metrics import align_at_switch
+from smarttac_can.studies.paper.references import OVERSHOOTS_PERCENT, RISE_TIMES_MS
 from smarttac_can.vocabulary.signals import TARE_SAMPLES, TICK, Drive, Setpoint
 from smarttac_can.vocabulary.states import Mode
 

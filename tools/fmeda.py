@@ -26,10 +26,8 @@ from typing import Any, NamedTuple
 import click
 from pages import REFERENCE, Pages, renewed
 
-from smarttac_can.host.terminal import progress_bar
-from smarttac_can.od.object_reference import table
-from smarttac_can.trials.healthy_runs import healthy_as_json, healthy_run
-from smarttac_can.trials.sensor_sweep import (
+from smarttac_can.assurance.trials.healthy_runs import healthy_as_json, healthy_run
+from smarttac_can.assurance.trials.sensor_sweep import (
     PROMISES,
     Cell,
     Promise,
@@ -42,7 +40,9 @@ from smarttac_can.trials.sensor_sweep import (
     softened,
     summary,
 )
-from smarttac_can.trials.workers import in_order
+from smarttac_can.assurance.trials.workers import in_order
+from smarttac_can.canopen.od.object_reference import table
+from smarttac_can.host.terminal import progress_bar
 from smarttac_can.vocabulary.states import VibrationLaw
 
 SUMMARY = Path(__file__).resolve().parent / "fmeda.json"

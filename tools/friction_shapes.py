@@ -1,4 +1,4 @@
-"""Print the shapes of friction maps that `smarttac_can/control/friction_map.py` holds.
+"""Print the shapes of friction maps that `smarttac_can/science/control/friction_map.py` holds.
 
 python tools/friction_shapes.py
 
@@ -19,11 +19,11 @@ from typing import Final
 import numpy as np
 from pages import parser_of
 
-from smarttac_can.control.friction_map import LAST, SPACING
-from smarttac_can.plant.friction import sliding_coefficient
-from smarttac_can.plant.parameters import ResonatorParameters
-from smarttac_can.plant.subjects import SUBJECTS
-from smarttac_can.population.fingers import SPAN, UNIFORM, W_LEAST, W_MOST
+from smarttac_can.science.control.friction_map import LAST, SPACING
+from smarttac_can.science.plant.friction import sliding_coefficient
+from smarttac_can.science.plant.parameters import ResonatorParameters
+from smarttac_can.science.plant.subjects import SUBJECTS
+from smarttac_can.science.population.fingers import SPAN, UNIFORM, W_LEAST, W_MOST
 
 FINGERS: Final = 4000
 SEED: Final = 20

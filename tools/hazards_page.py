@@ -12,18 +12,18 @@ from typing import Any
 from fmeda import Found, found, summed_up
 from pages import EXPLANATION, Pages, renewed
 
-from smarttac_can.control.step import FREQUENCY_STEP
+from smarttac_can.assurance.trials.fault_cases import AT_ONCE, READ_BACK_BOUND
+from smarttac_can.canopen.od.dictionary import ObjectDictionary
+from smarttac_can.canopen.od.eds import load_eds
+from smarttac_can.canopen.od.object_reference import table
 from smarttac_can.host.files import read_eds
-from smarttac_can.nodes import plate_node
-from smarttac_can.nodes.hard_caps import AMPLITUDE_TRIP_MAX
-from smarttac_can.nodes.loop_frames import DRIVE_RPDO, HARDWARE_RPDO
-from smarttac_can.nodes.loop_time import deadlines
-from smarttac_can.nodes.stimulator_node import NOT_OPERATIONAL_US
-from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.od.eds import load_eds
-from smarttac_can.od.object_reference import table
-from smarttac_can.plant.parameters import ResonatorParameters, SensorParameters
-from smarttac_can.trials.fault_cases import AT_ONCE, READ_BACK_BOUND
+from smarttac_can.instrument.nodes import plate_node
+from smarttac_can.instrument.nodes.hard_caps import AMPLITUDE_TRIP_MAX
+from smarttac_can.instrument.nodes.loop_frames import DRIVE_RPDO, HARDWARE_RPDO
+from smarttac_can.instrument.nodes.loop_time import deadlines
+from smarttac_can.instrument.nodes.stimulator_node import NOT_OPERATIONAL_US
+from smarttac_can.science.control.step import FREQUENCY_STEP
+from smarttac_can.science.plant.parameters import ResonatorParameters, SensorParameters
 from smarttac_can.vocabulary import watchdogs
 from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS, TICK_US
 

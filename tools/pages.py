@@ -9,7 +9,7 @@ from difflib import unified_diff
 from pathlib import Path
 from typing import Final
 
-from smarttac_can.od.object_reference import table
+from smarttac_can.canopen.od.object_reference import table
 
 DOCS: Final = Path(__file__).resolve().parent.parent / "docs"
 EXPLANATION: Final = DOCS / "explanation"

@@ -23,18 +23,18 @@ from hazards_page import hazards_page
 from pages import REFERENCE, Pages, columns, made, renewed
 
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.eds import load_eds
+from smarttac_can.canopen.od.object_reference import LEGEND, object_reference, table
 from smarttac_can.cli import main as smarttac
 from smarttac_can.host.files import read_eds
-from smarttac_can.nodes.lock import OF_PLATE, OF_STIMULATOR, Place, Table
-from smarttac_can.nodes.states import (
+from smarttac_can.instrument.nodes.lock import OF_PLATE, OF_STIMULATOR, Place, Table
+from smarttac_can.instrument.nodes.states import (
     STAGE_TRANSITIONS,
     TRANSITIONS,
     Guard,
     StageState,
 )
-from smarttac_can.od import cia
-from smarttac_can.od.eds import load_eds
-from smarttac_can.od.object_reference import LEGEND, object_reference, table
 from smarttac_can.vocabulary.states import (
     Control,
     IdentificationState,
@@ -49,9 +49,11 @@ from smarttac_can.vocabulary.watchdogs import FORGOTTEN, WATCHDOGS, Watchdog
 NODES = (("stimulator.eds", STIMULATOR_ID), ("plate.eds", PLATE_ID))
 PACKAGE: Final = Path(__file__).resolve().parent.parent / "smarttac_can"
 FACES: Final = (
-    "bench", "vocabulary", "nodes", "host", "device", "od", "master", "plant", "control",
-    "commissioning", "conformance", "paper", "population", "campaign", "trials", "timing", "audit",
-    "replay", "watch", "panel",
+    "bench", "vocabulary", "instrument.nodes", "host", "canopen.bus", "canopen.device",
+    "canopen.od", "canopen.master", "science.plant", "science.control", "canopen.commissioning",
+    "canopen.conformance", "studies.paper", "science.population", "studies.campaign",
+    "assurance.trials", "assurance.timing", "assurance.audit", "instrument.replay", "bench.watch",
+    "bench.panel",
 )  # fmt: skip
 """From what most people import to what fewest do; a name that several have is of the first."""
 
@@ -314,7 +316,7 @@ class Name(NamedTuple):
 def _constants(face: str) -> dict[str, str]:
     """Return the text below each assignment in the modules of a package, by name."""
     found = {}
-    for path in sorted((PACKAGE / face).glob("*.py")):
+    for path in sorted((PACKAGE / face.replace(".", "/")).glob("*.py")):
         for before, after in pairwise(ast.parse(path.read_text(encoding="utf-8")).body):
             match before, after:
                 case (

@@ -17,23 +17,27 @@ from smarttac_can.bench.drawing import GREEN, RED, canvas, save
 from smarttac_can.bench.simulation import LocalLink, plate_od, stimulator_od
 from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.traces import Trace
-from smarttac_can.nodes.plate_block import PlateBlock, SimulatedPlate
-from smarttac_can.nodes.stimulator_block import StimulatorBlock
-from smarttac_can.paper.experiments import (
+from smarttac_can.instrument.nodes.plate_block import PlateBlock, SimulatedPlate
+from smarttac_can.instrument.nodes.stimulator_block import StimulatorBlock
+from smarttac_can.science.plant.parameters import (
+    ContactParameters,
+    PlateParameters,
+    SensorParameters,
+)
+from smarttac_can.science.plant.plate import Plate
+from smarttac_can.science.plant.subjects import SUBJECTS
+from smarttac_can.science.population.steps import STEP_METRICS, Step
+from smarttac_can.studies.paper.experiments import (
     Conditions,
     SubjectSet,
     experiments,
     loop_dead_time,
 )
-from smarttac_can.paper.figures import BAND, CURVES
-from smarttac_can.paper.metrics import align_at_switch, find, from_switch_on
-from smarttac_can.paper.references import PUBLISHED
-from smarttac_can.paper.report import INSIDE, compare
-from smarttac_can.paper.reproduce import reproduce, summary
-from smarttac_can.plant.parameters import ContactParameters, PlateParameters, SensorParameters
-from smarttac_can.plant.plate import Plate
-from smarttac_can.plant.subjects import SUBJECTS
-from smarttac_can.population.steps import STEP_METRICS, Step
+from smarttac_can.studies.paper.figures import BAND, CURVES
+from smarttac_can.studies.paper.metrics import align_at_switch, find, from_switch_on
+from smarttac_can.studies.paper.references import PUBLISHED
+from smarttac_can.studies.paper.report import INSIDE, compare
+from smarttac_can.studies.paper.reproduce import reproduce, summary
 from smarttac_can.vocabulary.states import Law
 
 SEEDS: Final = range(1, 12)

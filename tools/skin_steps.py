@@ -18,9 +18,9 @@ from typing import Any, Final
 import numpy as np
 from pages import columns, parser_of
 
-from smarttac_can.plant import motion
-from smarttac_can.population import trial
-from smarttac_can.population.trial import Campaign, outcome_of
+from smarttac_can.science.plant import motion
+from smarttac_can.science.population import trial
+from smarttac_can.science.population.trial import Campaign, outcome_of
 from smarttac_can.vocabulary.states import Law, VibrationLaw
 
 NEAR: Final = np.array([0.05, 1.0])

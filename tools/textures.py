@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from pages import EXPLANATION, Pages, made, renewed
 
+from smarttac_can.assurance.trials.texture_playing import LEVELS, Stroke, play
 from smarttac_can.bench import Texture, Tracking, track
 from smarttac_can.bench.drawing import INK, RED, canvas
-from smarttac_can.od.object_reference import table
-from smarttac_can.trials.texture_playing import LEVELS, Stroke, play
+from smarttac_can.canopen.od.object_reference import table
 from smarttac_can.vocabulary.states import VibrationLaw
 
 PERIOD_MM = 2.0

@@ -19,17 +19,21 @@ import numpy as np
 from pages import DOCS, EXPLANATION, Pages, columns, made, renewed
 
 from smarttac_can.bench.drawing import GREEN, INK, RED, canvas, save
-from smarttac_can.control.cascade import Cascade
-from smarttac_can.control.identification import Identification
-from smarttac_can.control.parameters import CascadeParameters
-from smarttac_can.paper.experiments import Conditions, loop_dead_time
-from smarttac_can.paper.reproduce import reproduce
-from smarttac_can.plant import motion
-from smarttac_can.plant.finger import FingerState
-from smarttac_can.plant.parameters import PlateParameters, ResonatorParameters, SensorParameters
-from smarttac_can.plant.plate import Plate
-from smarttac_can.plant.resonator import Response, vibrate
-from smarttac_can.plant.subjects import SUBJECTS
+from smarttac_can.science.control.cascade import Cascade
+from smarttac_can.science.control.identification import Identification
+from smarttac_can.science.control.parameters import CascadeParameters
+from smarttac_can.science.plant import motion
+from smarttac_can.science.plant.finger import FingerState
+from smarttac_can.science.plant.parameters import (
+    PlateParameters,
+    ResonatorParameters,
+    SensorParameters,
+)
+from smarttac_can.science.plant.plate import Plate
+from smarttac_can.science.plant.resonator import Response, vibrate
+from smarttac_can.science.plant.subjects import SUBJECTS
+from smarttac_can.studies.paper.experiments import Conditions, loop_dead_time
+from smarttac_can.studies.paper.reproduce import reproduce
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.signals import Drive, Setpoint
 from smarttac_can.vocabulary.states import Mode, VibrationLaw

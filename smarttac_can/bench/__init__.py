@@ -23,7 +23,7 @@ from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.textures import Texture, Tracking, track
 from smarttac_can.bench.traces import Trace, read_csv, sha256, write_csv
-from smarttac_can.master.errors import (
+from smarttac_can.canopen.master.errors import (
     BenchError,
     BusLostError,
     HeartbeatLostError,

@@ -33,13 +33,11 @@ from smarttac_can.bench.link import (
 from smarttac_can.bench.network import TappedNetwork, raw_log
 from smarttac_can.bench.remote_device import BenchHeartbeat, RemoteDevice, bench_id, drives
 from smarttac_can.bench.simulation import plate_od, stimulator_od
-from smarttac_can.device.frame import Frame
-from smarttac_can.device.nmt import NMTState
-from smarttac_can.host.drivers import opening, unknown_options
-from smarttac_can.host.kernel_filter import enlarge_buffer, receive_only
-from smarttac_can.master.errors import BenchError, BusLostError
-from smarttac_can.master.requests import asked, download, downloaded, written
-from smarttac_can.od.cia import (
+from smarttac_can.canopen.device.frame import Frame
+from smarttac_can.canopen.device.nmt import NMTState
+from smarttac_can.canopen.master.errors import BenchError, BusLostError
+from smarttac_can.canopen.master.requests import asked, download, downloaded, written
+from smarttac_can.canopen.od.cia import (
     BOOT_UP,
     EMCY_ID,
     EVENT_MANUFACTURER,
@@ -51,8 +49,10 @@ from smarttac_can.od.cia import (
     SYNC_ID,
     TPDO_COMMUNICATION,
 )
-from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.od.entry import Entry
+from smarttac_can.canopen.od.dictionary import ObjectDictionary
+from smarttac_can.canopen.od.entry import Entry
+from smarttac_can.host.drivers import opening, unknown_options
+from smarttac_can.host.kernel_filter import enlarge_buffer, receive_only
 from smarttac_can.vocabulary.meanings import SIMULATION
 
 GRACE_S: Final = 1.0

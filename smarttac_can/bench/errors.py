@@ -7,10 +7,10 @@ from typing import Final
 
 from smarttac_can.bench.given import Given, outside
 from smarttac_can.bench.traces import Trace
-from smarttac_can.master.errors import BenchError, RefusedError
-from smarttac_can.od.cia import Abort, AbortCode
-from smarttac_can.od.entry import Entry
-from smarttac_can.od.units import Quantity
+from smarttac_can.canopen.master.errors import BenchError, RefusedError
+from smarttac_can.canopen.od.cia import Abort, AbortCode
+from smarttac_can.canopen.od.entry import Entry
+from smarttac_can.canopen.od.units import Quantity
 from smarttac_can.vocabulary.faults import FaultKind, value_range
 from smarttac_can.vocabulary.meanings import FAULT_KIND
 

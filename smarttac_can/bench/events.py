@@ -10,10 +10,10 @@ from typing import Final, Literal, NamedTuple, Self
 
 from smarttac_can.bench.given import stays_in_process, within
 from smarttac_can.bench.link import Link, Row
-from smarttac_can.device.nmt import state_text
+from smarttac_can.canopen.device.nmt import state_text
+from smarttac_can.canopen.master.errors import BenchError
+from smarttac_can.canopen.od.cia import EMCY_ID, HEARTBEAT_ID, LAST_NODE_ID
 from smarttac_can.host.process_signals import interrupt_waits
-from smarttac_can.master.errors import BenchError
-from smarttac_can.od.cia import EMCY_ID, HEARTBEAT_ID, LAST_NODE_ID
 from smarttac_can.vocabulary.meanings import emergency_text, spoken
 from smarttac_can.vocabulary.states import State, known_state, state_in
 

@@ -18,7 +18,7 @@ from typing import Any, Final, NamedTuple, NoReturn
 
 import numpy as np
 
-from smarttac_can.od.units import Quantity
+from smarttac_can.canopen.od.units import Quantity
 
 _ZERO: Final = 1e-9
 """Largest rounding error of a 0, for example in steps of 0.1 from -38 to 38."""

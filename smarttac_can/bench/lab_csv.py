@@ -29,8 +29,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from smarttac_can.canopen.master.errors import BenchError
 from smarttac_can.host.files import in_words, open_regular, too_large
-from smarttac_can.master.errors import BenchError
 
 Floats = npt.NDArray[np.float64]
 

@@ -16,8 +16,8 @@ import numpy.typing as npt
 
 from smarttac_can.bench.errors import BusyError, NotRunningError
 from smarttac_can.bench.traces import COLUMNS
-from smarttac_can.master.errors import BenchError
-from smarttac_can.od.cia import (
+from smarttac_can.canopen.master.errors import BenchError
+from smarttac_can.canopen.od.cia import (
     CAN_ID_MASK,
     COB_INVALID,
     FRAME_BYTES,
@@ -28,8 +28,8 @@ from smarttac_can.od.cia import (
     TPDO_MAPPING,
     DataType,
 )
-from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.od.entry import Entry
+from smarttac_can.canopen.od.dictionary import ObjectDictionary
+from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.vocabulary.states import Mode, State, Status, state_in
 
 RECORDED = tuple(column.object for column in COLUMNS)

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 from smarttac_can.bench.errors import refused_write
 from smarttac_can.bench.given import Given, by_name, given, said, stays_in_process
 from smarttac_can.bench.link import Link
-from smarttac_can.master.errors import BenchError, RefusedError
-from smarttac_can.od.cia import Abort, AbortCode
-from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.od.entry import Entry
+from smarttac_can.canopen.master.errors import BenchError, RefusedError
+from smarttac_can.canopen.od.cia import Abort, AbortCode
+from smarttac_can.canopen.od.dictionary import ObjectDictionary
+from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.vocabulary.meanings import SIMULATION
 from smarttac_can.vocabulary.states import State, state_in
 

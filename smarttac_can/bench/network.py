@@ -16,15 +16,15 @@ import can
 import canopen
 
 from smarttac_can.bench.link import Hear
-from smarttac_can.device.frame import Frame
+from smarttac_can.canopen.bus.local_bus import LocalBus
+from smarttac_can.canopen.device.frame import Frame
+from smarttac_can.canopen.master.errors import BenchError
+from smarttac_can.canopen.od.cia import CAN_ID_MASK
 from smarttac_can.host.background import Background
 from smarttac_can.host.drivers import opening
 from smarttac_can.host.files import reason
 from smarttac_can.host.kernel_filter import enlarge_buffer
-from smarttac_can.host.local_bus import LocalBus
 from smarttac_can.host.python_can import configured, hears_others_of_process, open_bus
-from smarttac_can.master.errors import BenchError
-from smarttac_can.od.cia import CAN_ID_MASK
 
 _Tap = tuple[Container[int], Hear]
 """Identifiers, and the function that receives frames with one of them."""

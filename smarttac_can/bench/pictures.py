@@ -23,8 +23,8 @@ import numpy as np
 import numpy.typing as npt
 
 from smarttac_can.bench.given import whole
+from smarttac_can.canopen.master.errors import BenchError
 from smarttac_can.host.files import in_words, open_regular, too_large
-from smarttac_can.master.errors import BenchError
 
 if TYPE_CHECKING:
     from PIL.ImageFile import ImageFile

@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from smarttac_can.bench.given import Given, finite, given, given_integer, said, stays_in_process
+from smarttac_can.canopen.master.errors import BenchError, RefusedError
+from smarttac_can.canopen.od.cia import AbortCode
 from smarttac_can.host.files import in_words, read_numbers
-from smarttac_can.master.errors import BenchError, RefusedError
-from smarttac_can.od.cia import AbortCode
 from smarttac_can.vocabulary.meanings import LIFTED, RECORDED, STROKE
 
 STANDARD_GRAVITY: Final = 9.80665

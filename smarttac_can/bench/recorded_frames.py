@@ -11,14 +11,14 @@ import numpy.typing as npt
 from smarttac_can.bench.named_objects import shown, shown_unit
 from smarttac_can.bench.textures import Texture
 from smarttac_can.bench.traces import Integers
-from smarttac_can.device.frame import Frame
+from smarttac_can.canopen.device.frame import Frame
+from smarttac_can.canopen.master.requests import Downloads, Written
+from smarttac_can.canopen.od.cia import BOOT_UP, EMCY_ID, HEARTBEAT_ID, MANUFACTURER_FIRST
+from smarttac_can.canopen.od.data_types import unpack
+from smarttac_can.canopen.od.dictionary import ObjectDictionary
+from smarttac_can.canopen.od.eds import load_eds
+from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.host.frame_log import FRAME, MARK, MARK_END, RECORD, Records
-from smarttac_can.master.requests import Downloads, Written
-from smarttac_can.od.cia import BOOT_UP, EMCY_ID, HEARTBEAT_ID, MANUFACTURER_FIRST
-from smarttac_can.od.data_types import unpack
-from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.od.eds import load_eds
-from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.meanings import START_RUN
 from smarttac_can.vocabulary.textures import TABLE_NAMES, TextureTable
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog

@@ -15,11 +15,11 @@ from smarttac_can.bench.given import require_text, stays_in_process
 from smarttac_can.bench.link import Link, PublishedPdo
 from smarttac_can.bench.recorded_frames import TICK
 from smarttac_can.bench.recording_file import METADATA, Summary, make_recording, require_new
+from smarttac_can.canopen.master.errors import BenchError, RefusedError
+from smarttac_can.canopen.od.cia import IDENTITY, MANUFACTURER_FIRST, PROFILE_FIRST
+from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.host.files import reason
 from smarttac_can.host.frame_log import FrameLog
-from smarttac_can.master.errors import BenchError, RefusedError
-from smarttac_can.od.cia import IDENTITY, MANUFACTURER_FIRST, PROFILE_FIRST
-from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.vocabulary.textures import TABLE_NAMES
 
 _LONGEST_TEXT: Final = 1000

@@ -39,13 +39,13 @@ from smarttac_can.bench.recorded_frames import (
 from smarttac_can.bench.textures import Texture
 from smarttac_can.bench.traces import COLUMNS, Floats, Integers, data_frame
 from smarttac_can.bench.untrusted_hdf5 import UntrustedFile
+from smarttac_can.canopen.master.errors import BenchError
+from smarttac_can.canopen.od.dictionary import ObjectDictionary
+from smarttac_can.canopen.od.eds import EDSError
+from smarttac_can.canopen.od.entry import Entry
+from smarttac_can.canopen.od.units import Quantity
 from smarttac_can.host.files import in_words, open_regular, replacing
 from smarttac_can.host.frame_log import RECORD, FrameLogReader, Records
-from smarttac_can.master.errors import BenchError
-from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.od.eds import EDSError
-from smarttac_can.od.entry import Entry
-from smarttac_can.od.units import Quantity
 from smarttac_can.vocabulary.states import STATE_SHIFT, Mode, State, Status
 from smarttac_can.vocabulary.textures import COF_COUNT, Axis, TextureTable
 

@@ -15,9 +15,9 @@ import canopen
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from smarttac_can.bench.errors import NotRunningError, refused_write, write_action
-from smarttac_can.device.frame import Frame
-from smarttac_can.device.nmt import NMTState, state_text
-from smarttac_can.master.errors import (
+from smarttac_can.canopen.device.frame import Frame
+from smarttac_can.canopen.device.nmt import NMTState, state_text
+from smarttac_can.canopen.master.errors import (
     BenchError,
     BusLostError,
     HeartbeatLostError,
@@ -25,9 +25,9 @@ from smarttac_can.master.errors import (
     RefusedError,
     WrongDeviceError,
 )
-from smarttac_can.master.requests import answers, upload
-from smarttac_can.master.sdo_client import OtherClientError, SharedSdoClient
-from smarttac_can.od.cia import (
+from smarttac_can.canopen.master.requests import answers, upload
+from smarttac_can.canopen.master.sdo_client import OtherClientError, SharedSdoClient
+from smarttac_can.canopen.od.cia import (
     HEARTBEAT_CONSUMER,
     HEARTBEAT_ID,
     HEARTBEAT_PRODUCER,
@@ -39,9 +39,9 @@ from smarttac_can.od.cia import (
     AbortCode,
     NMTCommand,
 )
-from smarttac_can.od.data_types import pack, unpack
-from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.od.entry import Entry
+from smarttac_can.canopen.od.data_types import pack, unpack
+from smarttac_can.canopen.od.dictionary import ObjectDictionary
+from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.vocabulary.states import Control, Mode
 
 _HEARTBEATS_MISSED: Final = 6

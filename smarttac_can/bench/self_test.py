@@ -14,7 +14,7 @@ from smarttac_can.bench.calibration import GAUGES, SAMPLES, gauge_names
 from smarttac_can.bench.errors import RunInterruptedError
 from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.traces import Trace
-from smarttac_can.master.errors import BenchError, BusLostError, HeartbeatLostError
+from smarttac_can.canopen.master.errors import BenchError, BusLostError, HeartbeatLostError
 from smarttac_can.vocabulary.model import F0_SLOPE
 from smarttac_can.vocabulary.step_response import STEP_TICKS, step_response
 

@@ -27,22 +27,22 @@ from smarttac_can.bench.link import (
     published_pdos,
 )
 from smarttac_can.bench.named_objects import find_number, raw_value
-from smarttac_can.device.frame import Frame
-from smarttac_can.host.bus import LogHook
+from smarttac_can.canopen.bus.bus import LogHook
+from smarttac_can.canopen.bus.local_bus import LocalBus
+from smarttac_can.canopen.device.frame import Frame
+from smarttac_can.canopen.master.errors import BenchError, RefusedError
+from smarttac_can.canopen.master.requests import download, downloaded, downloading
+from smarttac_can.canopen.od.cia import EMCY_ID, FRAME_BYTES, Abort, AbortCode, ErrorRegister
+from smarttac_can.canopen.od.dictionary import ObjectDictionary
+from smarttac_can.canopen.od.eds import load_eds
+from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.host.files import read_eds
-from smarttac_can.host.local_bus import LocalBus
-from smarttac_can.master.errors import BenchError, RefusedError
-from smarttac_can.master.requests import download, downloaded, downloading
-from smarttac_can.nodes.parameters import NULL
-from smarttac_can.nodes.plate_block import PlateBlock
-from smarttac_can.nodes.plate_node import PlateNode
-from smarttac_can.nodes.stimulator_block import StimulatorBlock
-from smarttac_can.nodes.stimulator_node import StimulatorNode
-from smarttac_can.od.cia import EMCY_ID, FRAME_BYTES, Abort, AbortCode, ErrorRegister
-from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.od.eds import load_eds
-from smarttac_can.od.entry import Entry
-from smarttac_can.plant.finger import SAMPLE_RANGES, Finger, GuidedFinger, Trajectory
+from smarttac_can.instrument.nodes.parameters import NULL
+from smarttac_can.instrument.nodes.plate_block import PlateBlock
+from smarttac_can.instrument.nodes.plate_node import PlateNode
+from smarttac_can.instrument.nodes.stimulator_block import StimulatorBlock
+from smarttac_can.instrument.nodes.stimulator_node import StimulatorNode
+from smarttac_can.science.plant.finger import SAMPLE_RANGES, Finger, GuidedFinger, Trajectory
 from smarttac_can.vocabulary.meanings import RECORDED as RECORDED_FINGER
 from smarttac_can.vocabulary.meanings import SIMULATION
 from smarttac_can.vocabulary.signals import KNOWN_WINDOW_MN, SHORT_DEADLINE_MS, TICK_US

@@ -43,12 +43,12 @@ from smarttac_can.bench.recording import Recording
 from smarttac_can.bench.simulation import STIMULATOR_ID, LinkName, open_simulated_link
 from smarttac_can.bench.textures import FOLLOWED_HZ, Texture
 from smarttac_can.bench.traces import Trace, require_labels
-from smarttac_can.host.bus import LogHook
+from smarttac_can.canopen.bus.bus import LogHook
+from smarttac_can.canopen.master.errors import BenchError, RefusedError
+from smarttac_can.canopen.od.cia import AbortCode
+from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.host.process_signals import interrupt_waits
 from smarttac_can.host.terminal import progress_bar
-from smarttac_can.master.errors import BenchError, RefusedError
-from smarttac_can.od.cia import AbortCode
-from smarttac_can.od.dictionary import ObjectDictionary
 from smarttac_can.vocabulary.meanings import AUTO_ZERO, NOT_TARED, UNSUPERVISED, ZERO
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.signals import TARE_SAMPLES

@@ -27,8 +27,8 @@ import numpy.typing as npt
 
 from smarttac_can import __version__
 from smarttac_can.bench.given import integer, said, sequence
+from smarttac_can.canopen.master.errors import BenchError
 from smarttac_can.host.files import in_words, open_regular, result_file
-from smarttac_can.master.errors import BenchError
 from smarttac_can.vocabulary.states import Status
 
 if TYPE_CHECKING:

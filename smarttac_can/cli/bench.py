@@ -35,6 +35,20 @@ from smarttac_can.bench.plate_loads import STANDARD_GRAVITY, Placing, Weighing, 
 from smarttac_can.bench.remote_device import RemoteDevice, bench_id
 from smarttac_can.bench.self_test import Check
 from smarttac_can.bench.self_test import selftest as judge
+from smarttac_can.bench.watch.listener import Listener
+from smarttac_can.bench.watch.watcher import Watcher
+from smarttac_can.canopen.commissioning.node_ids import wait_until
+from smarttac_can.canopen.device.nmt import UNKNOWN, state_text
+from smarttac_can.canopen.master.errors import BenchError
+from smarttac_can.canopen.od.cia import (
+    CAN_ID_MASK,
+    COB_INVALID,
+    HEARTBEAT_CONSUMER,
+    HEARTBEAT_ID,
+    PDO_COB_ID,
+    RPDO_COMMUNICATION,
+    TPDO_IDS,
+)
 from smarttac_can.cli.shared import (
     OLD_FILE,
     FiniteRange,
@@ -51,26 +65,12 @@ from smarttac_can.cli.shared import (
     stimulator_options,
     timeout_option,
 )
-from smarttac_can.commissioning.node_ids import wait_until
-from smarttac_can.device.nmt import UNKNOWN, state_text
 from smarttac_can.host.files import result_file
-from smarttac_can.master.errors import BenchError
-from smarttac_can.nodes.lock import supervised_node
-from smarttac_can.nodes.loop_frames import MEASUREMENT_RPDOS
-from smarttac_can.od.cia import (
-    CAN_ID_MASK,
-    COB_INVALID,
-    HEARTBEAT_CONSUMER,
-    HEARTBEAT_ID,
-    PDO_COB_ID,
-    RPDO_COMMUNICATION,
-    TPDO_IDS,
-)
+from smarttac_can.instrument.nodes.lock import supervised_node
+from smarttac_can.instrument.nodes.loop_frames import MEASUREMENT_RPDOS
 from smarttac_can.vocabulary.meanings import LIFTED
 from smarttac_can.vocabulary.states import Mode, Status, known_state
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog, level, watchdogs_in
-from smarttac_can.watch.listener import Listener
-from smarttac_can.watch.watcher import Watcher
 
 _HEARTBEATS_WAITED: Final = 1.5
 _LONGEST_WATCH_S: Final = 2.0
@@ -349,7 +349,7 @@ def watch(*, at: StimulatorChoice, drive: bool, no_sdo: bool) -> None:
         raise click.ClickException("watch needs Textual: pip install 'smarttac-can[watch]'")
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise click.ClickException("watch needs a terminal; for a file, take a log of the bus")
-    from smarttac_can.watch.screen import WatchScreen  # noqa: PLC0415 - Textual is an extra
+    from smarttac_can.bench.watch.screen import WatchScreen  # noqa: PLC0415 - Textual is an extra
 
     with plain_errors(), _watching(at, drive, reads=not no_sdo) as watched:
         watcher, listener, stimulator = watched
@@ -387,8 +387,8 @@ def panel(*, at: StimulatorChoice, drive: bool, host: str, port: int) -> None:
         raise click.UsageError("a bus needs --interface; without one a bench is simulated")
     if find_spec("aiohttp") is None:
         raise click.ClickException("panel needs aiohttp: pip install 'smarttac-can[panel]'")
-    from smarttac_can.panel.instrument import BusInstrument, SimulatedBench  # noqa: PLC0415
-    from smarttac_can.panel.server import Panel, serve  # noqa: PLC0415 - aiohttp is an extra
+    from smarttac_can.bench.panel.instrument import BusInstrument, SimulatedBench  # noqa: PLC0415
+    from smarttac_can.bench.panel.server import Panel, serve  # noqa: PLC0415 - aiohttp is an extra
 
     with suppress(ValueError):
         if ip_address(host).is_unspecified:

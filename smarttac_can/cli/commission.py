@@ -12,6 +12,33 @@ from typing import TypeVar
 
 import click
 
+from smarttac_can.canopen.commissioning.dcf import bit_rates, make_dcf
+from smarttac_can.canopen.commissioning.node_ids import Identity, assign_node_id
+from smarttac_can.canopen.commissioning.scan import FoundDevice
+from smarttac_can.canopen.commissioning.scan import scan as scan_bus
+from smarttac_can.canopen.commissioning.values import (
+    compare_reads,
+    stated_values,
+    take_files,
+    write_dcf,
+)
+from smarttac_can.canopen.conformance.case import Case, DeviceDescription, Failure
+from smarttac_can.canopen.conformance.examiner import TIMEOUT_S, Examiner
+from smarttac_can.canopen.conformance.general import differences
+from smarttac_can.canopen.conformance.run import (
+    CASES,
+    as_json,
+    failed,
+    line,
+    markdown,
+    run_cases,
+    summary,
+)
+from smarttac_can.canopen.master.errors import NodeNotFoundError
+from smarttac_can.canopen.od.dictionary import ObjectDictionary
+from smarttac_can.canopen.od.eds import Sections, load_eds, node_id_of, read_sections, write_out
+from smarttac_can.canopen.od.eds_check import check_eds, shown
+from smarttac_can.canopen.od.object_reference import LEGEND, object_reference
 from smarttac_can.cli.shared import (
     EDS_FILE,
     NODE_ID,
@@ -32,15 +59,6 @@ from smarttac_can.cli.shared import (
     result_path,
     timeout_option,
 )
-from smarttac_can.commissioning.dcf import bit_rates, make_dcf
-from smarttac_can.commissioning.node_ids import Identity, assign_node_id
-from smarttac_can.commissioning.scan import FoundDevice
-from smarttac_can.commissioning.scan import scan as scan_bus
-from smarttac_can.commissioning.values import compare_reads, stated_values, take_files, write_dcf
-from smarttac_can.conformance.case import Case, DeviceDescription, Failure
-from smarttac_can.conformance.examiner import TIMEOUT_S, Examiner
-from smarttac_can.conformance.general import differences
-from smarttac_can.conformance.run import CASES, as_json, failed, line, markdown, run_cases, summary
 from smarttac_can.host.files import (
     MAX_EDS_BYTES,
     read_bounded,
@@ -48,11 +66,6 @@ from smarttac_can.host.files import (
     read_eds_file,
     result_file,
 )
-from smarttac_can.master.errors import NodeNotFoundError
-from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.od.eds import Sections, load_eds, node_id_of, read_sections, write_out
-from smarttac_can.od.eds_check import check_eds, shown
-from smarttac_can.od.object_reference import LEGEND, object_reference
 from smarttac_can.vocabulary.meanings import EMERGENCIES, FIELDS
 
 _HEAD = ("node", "state", "name", "vendor", "product", "revision", "serial", "EDS")
@@ -349,7 +362,7 @@ def dbc(file: Path, node_id: int | None, output: Path | None) -> None:
     """
     if find_spec("cantools") is None:
         raise click.ClickException("a DBC needs cantools: pip install 'smarttac-can[dbc]'")
-    from smarttac_can.commissioning.dbc import NO_NAMES, Names, make_dbc  # noqa: PLC0415 - an extra
+    from smarttac_can.canopen.commissioning.dbc import NO_NAMES, Names, make_dbc  # noqa: PLC0415 - an extra
 
     with plain_errors():
         od = load_file(file, node_id)

@@ -14,15 +14,6 @@ from click.core import ParameterSource
 
 from smarttac_can.bench.simulation import LinkName
 from smarttac_can.bench.traces import Trace, read_csv
-from smarttac_can.campaign.runner import (
-    ClusterError,
-    Progress,
-    Record,
-    RecordError,
-    run_campaign,
-)
-from smarttac_can.campaign.summary import FILES as CAMPAIGN_FILES
-from smarttac_can.campaign.summary import PICTURE, as_json, lines, summary, write_folder
 from smarttac_can.cli.shared import (
     NEW_FILE,
     force_option,
@@ -41,14 +32,26 @@ from smarttac_can.cli.shared import (
 )
 from smarttac_can.host.files import read_bounded
 from smarttac_can.host.terminal import progress_bar
-from smarttac_can.paper.experiments import (
+from smarttac_can.science.population.compiled import can_compile
+from smarttac_can.science.population.fingers import CASES, PLATES
+from smarttac_can.science.population.trial import Campaign
+from smarttac_can.studies.campaign.runner import (
+    ClusterError,
+    Progress,
+    Record,
+    RecordError,
+    run_campaign,
+)
+from smarttac_can.studies.campaign.summary import FILES as CAMPAIGN_FILES
+from smarttac_can.studies.campaign.summary import PICTURE, as_json, lines, summary, write_folder
+from smarttac_can.studies.paper.experiments import (
     LOAD_MAX,
     LOAD_MIN,
     Conditions,
     SubjectSet,
     loop_dead_time,
 )
-from smarttac_can.paper.report import (
+from smarttac_can.studies.paper.report import (
     FILES,
     INDEX,
     dead_time_table,
@@ -56,15 +59,12 @@ from smarttac_can.paper.report import (
     vibration_table,
     write_report,
 )
-from smarttac_can.paper.reproduce import (
+from smarttac_can.studies.paper.reproduce import (
     FIGURES,
     RESULTS,
     TRACES,
 )
-from smarttac_can.paper.reproduce import reproduce as run_reproduction
-from smarttac_can.population.compiled import can_compile
-from smarttac_can.population.fingers import CASES, PLATES
-from smarttac_can.population.trial import Campaign
+from smarttac_can.studies.paper.reproduce import reproduce as run_reproduction
 from smarttac_can.vocabulary.states import Law, VibrationLaw
 
 _DEAD_TIME_MAX_US = 999.0
@@ -227,7 +227,7 @@ def reproduce(
         if wanted & _VIBRATION:
             tables.append(vibration_table(results))
         if animate is not None:
-            from smarttac_can.paper.figures import save_crossing  # noqa: PLC0415 - an extra
+            from smarttac_can.studies.paper.figures import save_crossing  # noqa: PLC0415 - an extra
 
             save_crossing(traces, moving / animate.name)
         write_results(results, tables)

@@ -10,6 +10,8 @@ from typing import Any
 
 import click
 
+from smarttac_can.assurance.timing.loop_run import LoopRun, measure_loop
+from smarttac_can.assurance.timing.loop_timing import CURVES, DEADLINE_RULE, SHORTEST_MS, LoopTiming
 from smarttac_can.cli.shared import (
     NODE_ID,
     BusChoice,
@@ -21,8 +23,6 @@ from smarttac_can.cli.shared import (
     result_folder_path,
 )
 from smarttac_can.host.process_signals import stop_on_signals
-from smarttac_can.timing.loop_run import LoopRun, measure_loop
-from smarttac_can.timing.loop_timing import CURVES, DEADLINE_RULE, SHORTEST_MS, LoopTiming
 from smarttac_can.vocabulary.states import State
 
 PICTURE = "jitter.png"
@@ -105,8 +105,8 @@ def jitter(
 
 
 def _draw(timing: LoopTiming, file: Path) -> None:
+    from smarttac_can.assurance.timing.loop_timing import histogram  # noqa: PLC0415
     from smarttac_can.bench.drawing import save  # noqa: PLC0415 - matplotlib is an extra
-    from smarttac_can.timing.loop_timing import histogram  # noqa: PLC0415
 
     save(histogram(timing), file)
 

@@ -14,26 +14,12 @@ import can
 import click
 
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
-from smarttac_can.cli.shared import (
-    EDS_FILE,
-    OLD_FILE,
-    BusChoice,
-    bus_options,
-    is_ours,
-    load_file,
-    one_line,
-    plain_errors,
-)
-from smarttac_can.device.frame import Frame
-from smarttac_can.device.lss import LSS_NAMES
-from smarttac_can.device.mapping import Direction, Mapping, compile_mapping
-from smarttac_can.device.nmt import STATES, NMTState
-from smarttac_can.host.can_socket import to_frame
-from smarttac_can.host.files import read_eds
-from smarttac_can.host.log_file import read_messages
-from smarttac_can.host.process_signals import stop_on_signals
-from smarttac_can.od import cia
-from smarttac_can.od.cia import (
+from smarttac_can.canopen.device.frame import Frame
+from smarttac_can.canopen.device.lss import LSS_NAMES
+from smarttac_can.canopen.device.mapping import Direction, Mapping, compile_mapping
+from smarttac_can.canopen.device.nmt import STATES, NMTState
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import (
     CAN_ID_MASK,
     COB_INVALID,
     EMCY_COB_ID,
@@ -57,9 +43,23 @@ from smarttac_can.od.cia import (
     DataType,
     NMTCommand,
 )
-from smarttac_can.od.data_types import SIZES
-from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.od.eds import load_eds
+from smarttac_can.canopen.od.data_types import SIZES
+from smarttac_can.canopen.od.dictionary import ObjectDictionary
+from smarttac_can.canopen.od.eds import load_eds
+from smarttac_can.cli.shared import (
+    EDS_FILE,
+    OLD_FILE,
+    BusChoice,
+    bus_options,
+    is_ours,
+    load_file,
+    one_line,
+    plain_errors,
+)
+from smarttac_can.host.can_socket import to_frame
+from smarttac_can.host.files import read_eds
+from smarttac_can.host.log_file import read_messages
+from smarttac_can.host.process_signals import stop_on_signals
 from smarttac_can.vocabulary.meanings import (
     FIELDS,
     Names,

@@ -15,6 +15,14 @@ import click
 from click.core import ParameterSource
 
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID, know_nulls
+from smarttac_can.canopen.bus.bus import BusError, QueueFullError
+from smarttac_can.canopen.device.device import Device
+from smarttac_can.canopen.device.nmt import NMTState
+from smarttac_can.canopen.od.cia import UNCONFIGURED, Abort
+from smarttac_can.canopen.od.dictionary import ObjectDictionary
+from smarttac_can.canopen.od.eds import load_eds
+from smarttac_can.canopen.od.eds_check import check_pdos
+from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.cli.shared import (
     EDS_FILE,
     NODE_ID,
@@ -31,9 +39,6 @@ from smarttac_can.cli.shared import (
     warn,
     with_options,
 )
-from smarttac_can.device.device import Device
-from smarttac_can.device.nmt import NMTState
-from smarttac_can.host.bus import BusError, QueueFullError
 from smarttac_can.host.files import (
     FaultFile,
     StorageFile,
@@ -54,16 +59,11 @@ from smarttac_can.host.realtime import (
 from smarttac_can.host.reconnecting_bus import ReconnectingBus
 from smarttac_can.host.runner import Observer, run_node
 from smarttac_can.host.terminal import LineWriter
-from smarttac_can.nodes.device_node import DeviceNode
-from smarttac_can.nodes.plate_block import TICK_MASK, PlateBlock
-from smarttac_can.nodes.plate_node import PlateNode
-from smarttac_can.nodes.stimulator_node import StimulatorNode
-from smarttac_can.od.cia import UNCONFIGURED, Abort
-from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.od.eds import load_eds
-from smarttac_can.od.eds_check import check_pdos
-from smarttac_can.od.entry import Entry
-from smarttac_can.plant.finger import SAMPLE_RANGES, Trajectory
+from smarttac_can.instrument.nodes.device_node import DeviceNode
+from smarttac_can.instrument.nodes.plate_block import TICK_MASK, PlateBlock
+from smarttac_can.instrument.nodes.plate_node import PlateNode
+from smarttac_can.instrument.nodes.stimulator_node import StimulatorNode
+from smarttac_can.science.plant.finger import SAMPLE_RANGES, Trajectory
 from smarttac_can.vocabulary.meanings import LIFTED, RECORDED, STROKE
 from smarttac_can.vocabulary.plate import TimedPlate
 from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS

@@ -14,6 +14,8 @@ from click.core import ParameterSource
 from smarttac_can.bench.recording import Recording
 from smarttac_can.bench.recording_file import METADATA, Summary, make_recording, require_new
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
+from smarttac_can.canopen.device.frame import Frame
+from smarttac_can.canopen.device.storage import Memory
 from smarttac_can.cli.nodes import blaming, load_node
 from smarttac_can.cli.shared import (
     NEW_FILE,
@@ -31,12 +33,10 @@ from smarttac_can.cli.shared import (
     stimulator_options,
     timeout_option,
 )
-from smarttac_can.device.frame import Frame
-from smarttac_can.device.storage import Memory
 from smarttac_can.host.log_file import read_log
 from smarttac_can.host.process_signals import stop_on_signals
-from smarttac_can.nodes.stimulator_node import StimulatorNode
-from smarttac_can.replay import DifferenceError, Replay, Replayed
+from smarttac_can.instrument.nodes.stimulator_node import StimulatorNode
+from smarttac_can.instrument.replay import DifferenceError, Replay, Replayed
 from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS
 
 _LONGEST_S = 7 * 24 * 3600.0

@@ -11,6 +11,13 @@ from typing import Any, Final
 import click
 from canopen.sdo.exceptions import SdoAbortedError, SdoError
 
+from smarttac_can.canopen.commissioning.dcf import find_entry, value_of
+from smarttac_can.canopen.master.errors import NodeNotFoundError, RefusedError
+from smarttac_can.canopen.master.sdo_client import SharedSdoClient
+from smarttac_can.canopen.od.cia import Abort
+from smarttac_can.canopen.od.data_types import pack, unpack
+from smarttac_can.canopen.od.dictionary import ObjectDictionary
+from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.cli.shared import (
     EDS_FILE,
     NODE_ID,
@@ -25,13 +32,6 @@ from smarttac_can.cli.shared import (
     reporting,
     timeout_option,
 )
-from smarttac_can.commissioning.dcf import find_entry, value_of
-from smarttac_can.master.errors import NodeNotFoundError, RefusedError
-from smarttac_can.master.sdo_client import SharedSdoClient
-from smarttac_can.od.cia import Abort
-from smarttac_can.od.data_types import pack, unpack
-from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.od.entry import Entry
 from smarttac_can.vocabulary.meanings import FIELDS, meaning
 
 _ADDRESS: Final = re.compile(

@@ -23,8 +23,12 @@ from smarttac_can.bench.network import TappedNetwork
 from smarttac_can.bench.simulation import STIMULATOR_ID
 from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.traces import require_matplotlib
-from smarttac_can.device.storage import begins_as_image
-from smarttac_can.host.bus import BusError
+from smarttac_can.canopen.bus.bus import BusError
+from smarttac_can.canopen.device.storage import begins_as_image
+from smarttac_can.canopen.master.errors import BenchError
+from smarttac_can.canopen.od.cia import IDENTITY, UNCONFIGURED
+from smarttac_can.canopen.od.dictionary import ObjectDictionary
+from smarttac_can.canopen.od.eds import EDSError, load_eds, node_id_of, read_sections
 from smarttac_can.host.drivers import opening, unknown_options
 from smarttac_can.host.files import (
     MAX_STORED_BYTES,
@@ -38,10 +42,6 @@ from smarttac_can.host.files import (
     trouble,
 )
 from smarttac_can.host.python_can import PythonCanBus
-from smarttac_can.master.errors import BenchError
-from smarttac_can.od.cia import IDENTITY, UNCONFIGURED
-from smarttac_can.od.dictionary import ObjectDictionary
-from smarttac_can.od.eds import EDSError, load_eds, node_id_of, read_sections
 
 _LONGEST_LINE: Final = 500
 _MOST_WARNINGS: Final = 20

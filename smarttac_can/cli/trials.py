@@ -13,7 +13,35 @@ from typing import Any, Final
 import click
 from click.core import ParameterSource
 
-from smarttac_can.audit import verify_rows
+from smarttac_can.assurance.audit import verify_rows
+from smarttac_can.assurance.trials.fault_cases import CASES, WAYS, cases
+from smarttac_can.assurance.trials.fault_matrix import (
+    HOLD_CYCLES,
+    FaultRow,
+    fault_matrix,
+    rows_as_json,
+)
+from smarttac_can.assurance.trials.healthy_runs import HealthyRun, healthy_as_json, healthy_run
+from smarttac_can.assurance.trials.hostile import Hostile, HostileReport
+from smarttac_can.assurance.trials.sensor_sweep import (
+    Cell,
+    Result,
+    as_json,
+    grid_cells,
+    parse_cell,
+    random_cells,
+    run_cell,
+    summary,
+)
+from smarttac_can.assurance.trials.soak import (
+    CYCLES_PER_HOUR,
+    SoakReport,
+    Table,
+    margin_rows,
+    parts,
+    soak_in_parts,
+)
+from smarttac_can.assurance.trials.workers import in_order
 from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.cli.shared import (
     FiniteRange,
@@ -27,29 +55,6 @@ from smarttac_can.cli.shared import (
 from smarttac_can.host.files import read_bounded, result_file
 from smarttac_can.host.log_file import CandumpWriter, read_candump
 from smarttac_can.host.terminal import progress_bar
-from smarttac_can.trials.fault_cases import CASES, WAYS, cases
-from smarttac_can.trials.fault_matrix import HOLD_CYCLES, FaultRow, fault_matrix, rows_as_json
-from smarttac_can.trials.healthy_runs import HealthyRun, healthy_as_json, healthy_run
-from smarttac_can.trials.hostile import Hostile, HostileReport
-from smarttac_can.trials.sensor_sweep import (
-    Cell,
-    Result,
-    as_json,
-    grid_cells,
-    parse_cell,
-    random_cells,
-    run_cell,
-    summary,
-)
-from smarttac_can.trials.soak import (
-    CYCLES_PER_HOUR,
-    SoakReport,
-    Table,
-    margin_rows,
-    parts,
-    soak_in_parts,
-)
-from smarttac_can.trials.workers import in_order
 
 _NAMES = sorted({case.name for case in CASES})
 _ROWS_MAX_BYTES: Final = 4 << 20

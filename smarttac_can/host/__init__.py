@@ -9,7 +9,6 @@ from smarttac_can._faces import lazily
 if TYPE_CHECKING:
     from smarttac_can.host.faulty_bus import Disturbance, FaultyBus, FrameFault
     from smarttac_can.host.front_ends import TimedFrontEnd
-    from smarttac_can.host.local_bus import LocalBus
     from smarttac_can.host.log_file import CandumpWriter, read_candump
     from smarttac_can.host.process_signals import stop_on_signals
     from smarttac_can.host.python_can import PythonCanBus
@@ -20,7 +19,6 @@ __all__ = [
     "Disturbance",
     "FaultyBus",
     "FrameFault",
-    "LocalBus",
     "PythonCanBus",
     "TimedFrontEnd",
     "node_in_thread",
@@ -39,7 +37,6 @@ __getattr__ = lazily(
         "Disturbance": "faulty_bus",
         "FrameFault": "faulty_bus",
         "TimedFrontEnd": "front_ends",
-        "LocalBus": "local_bus",
         "stop_on_signals": "process_signals",
         "PythonCanBus": "python_can",
         "run_node": "runner",

@@ -26,10 +26,10 @@ from can import CanProtocol
 from can.interfaces.socketcan import SocketcanBus
 from can.interfaces.udp_multicast import UdpMulticastBus
 
-from smarttac_can.device.frame import Frame
-from smarttac_can.host.bus import BusError, QueueFullError
+from smarttac_can.canopen.bus.bus import BusError, QueueFullError
+from smarttac_can.canopen.device.frame import Frame
+from smarttac_can.canopen.od.cia import CAN_ID_MASK, FRAME_BYTES
 from smarttac_can.host.kernel_filter import drop
-from smarttac_can.od.cia import CAN_ID_MASK, FRAME_BYTES
 
 try:
     import msgpack

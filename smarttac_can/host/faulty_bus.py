@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
-from smarttac_can.device.frame import Frame
-from smarttac_can.host.bus import LogHook, QueueFullError
-from smarttac_can.host.local_bus import Connection, LocalBus, Wire
-from smarttac_can.host.node import HostedNode, is_overtaken, without_queue
+from smarttac_can.canopen.bus.bus import LogHook, QueueFullError
+from smarttac_can.canopen.bus.local_bus import Connection, LocalBus, Wire
+from smarttac_can.canopen.bus.node import HostedNode, is_overtaken, without_queue
+from smarttac_can.canopen.device.frame import Frame
+from smarttac_can.canopen.od.cia import CAN_ID_MASK, SYNC_ID
 from smarttac_can.host.outbox import Outbox
-from smarttac_can.od.cia import CAN_ID_MASK, SYNC_ID
 from smarttac_can.vocabulary.signals import TICK_US
 
 

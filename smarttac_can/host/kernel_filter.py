@@ -13,7 +13,7 @@ import can
 from can.interfaces.socketcan import SocketcanBus
 from can.interfaces.udp_multicast import UdpMulticastBus
 
-from smarttac_can.od.cia import CAN_ID_MASK
+from smarttac_can.canopen.od.cia import CAN_ID_MASK
 
 _ID_KEY: Final = b"\xaearbitration_id"
 """Key of the identifier in a frame of udp_multicast, a map in MessagePack."""

@@ -15,11 +15,11 @@ from typing import Any, Final, TextIO
 
 import can
 
-from smarttac_can.device.frame import Frame
+from smarttac_can.canopen.device.frame import Frame
+from smarttac_can.canopen.od.cia import FRAME_BYTES
 from smarttac_can.host.can_socket import to_frame
 from smarttac_can.host.files import open_regular
 from smarttac_can.host.frame_log import is_frame_log
-from smarttac_can.od.cia import FRAME_BYTES
 
 _CANDUMP_LINE: Final = re.compile(
     r"(?:\((?P<time>[^()]+)\)\s+)?\S+\s+(?:(?:RX|TX)\s+\S+\s+\S+\s+)?(?P<id>[0-9A-F]{3,8})"

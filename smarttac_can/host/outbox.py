@@ -6,10 +6,10 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Final, Protocol
 
-from smarttac_can.device.frame import Frame
-from smarttac_can.host.bus import QueueFullError
-from smarttac_can.host.node import HostedNode
-from smarttac_can.od.cia import BOOT_UP, HEARTBEAT_ID, LAST_NODE_ID
+from smarttac_can.canopen.bus.bus import QueueFullError
+from smarttac_can.canopen.bus.node import HostedNode
+from smarttac_can.canopen.device.frame import Frame
+from smarttac_can.canopen.od.cia import BOOT_UP, HEARTBEAT_ID, LAST_NODE_ID
 from smarttac_can.vocabulary.signals import TICK_US
 
 _MOST_WAITING: Final = 64

@@ -13,8 +13,8 @@ from can.interfaces.udp_multicast import UdpMulticastBus
 from can.interfaces.virtual import VirtualBus
 from can.util import load_config
 
-from smarttac_can.device.frame import Frame
-from smarttac_can.host.bus import BusError, QueueFullError
+from smarttac_can.canopen.bus.bus import BusError, QueueFullError
+from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.host.can_socket import (
     QUEUE_FULL,
     MulticastBus,

@@ -8,9 +8,9 @@ from contextlib import suppress
 from math import inf
 from time import monotonic, sleep
 
-from smarttac_can.device.frame import Frame
-from smarttac_can.host.bus import Bus, BusError, QueueFullError
-from smarttac_can.host.node import Connected
+from smarttac_can.canopen.bus.bus import Bus, BusError, QueueFullError
+from smarttac_can.canopen.bus.node import Connected
+from smarttac_can.canopen.device.frame import Frame
 
 FIRST_WAIT_S = 0.1
 LONGEST_WAIT_S = 5.0

@@ -19,10 +19,10 @@ from contextlib import closing, contextmanager, suppress
 from time import monotonic_ns, sleep
 from typing import Final
 
-from smarttac_can.device.frame import Frame
-from smarttac_can.device.port import Identifiers
-from smarttac_can.host.bus import Bus, BusError, QueueFullError
-from smarttac_can.host.node import HostedNode, is_overtaken
+from smarttac_can.canopen.bus.bus import Bus, BusError, QueueFullError
+from smarttac_can.canopen.bus.node import HostedNode, is_overtaken
+from smarttac_can.canopen.device.frame import Frame
+from smarttac_can.canopen.device.port import Identifiers
 from smarttac_can.host.outbox import Outbox
 from smarttac_can.host.reconnecting_bus import ReconnectingBus
 from smarttac_can.vocabulary.signals import TICK_US

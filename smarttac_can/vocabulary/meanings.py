@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping
 from enum import IntEnum, IntFlag
 from typing import Final
 
-from smarttac_can.od.cia import Abort, EmergencyCode
-from smarttac_can.od.entry import BitField, Entry
+from smarttac_can.canopen.od.cia import Abort, EmergencyCode
+from smarttac_can.canopen.od.entry import BitField, Entry
 from smarttac_can.vocabulary.faults import FaultCode
 from smarttac_can.vocabulary.states import (
     STATE_SHIFT,

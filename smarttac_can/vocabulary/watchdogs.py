@@ -6,7 +6,7 @@ from enum import Enum, IntEnum
 from math import inf
 from typing import Final, NamedTuple
 
-from smarttac_can.od.cia import ErrorRegister
+from smarttac_can.canopen.od.cia import ErrorRegister
 from smarttac_can.vocabulary.faults import FaultCode
 from smarttac_can.vocabulary.states import Mode
 

@@ -15,8 +15,8 @@ from pathlib import Path
 import canopen
 import pytest
 
-from smarttac_can.paper.experiments import Conditions
-from smarttac_can.paper.reproduce import CANDUMP, TRACES, reproduce
+from smarttac_can.studies.paper.experiments import Conditions
+from smarttac_can.studies.paper.reproduce import CANDUMP, TRACES, reproduce
 
 EDS = Path(__file__).parents[2] / "eds"
 COLUMNS = {
@@ -87,7 +87,7 @@ def cycles(log: Path, tpdos: list[Tpdo]) -> list[list[dict[str, Decimal]]]:
 
 
 def test_the_log_says_what_the_traces_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("smarttac_can.paper.experiments.PASSES", 2)
+    monkeypatch.setattr("smarttac_can.studies.paper.experiments.PASSES", 2)
     reproduce(frozenset({"fig5", "table1"}), Conditions(seed=3), link="bus", folder=tmp_path)
     od = canopen.import_od(str(EDS / "stimulator.eds"), node_id=32)
     with (tmp_path / TRACES).open(encoding="ascii", newline="") as file:

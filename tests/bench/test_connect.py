@@ -22,9 +22,9 @@ from smarttac_can.bench import (
     WrongDeviceError,
 )
 from smarttac_can.bench.simulation import plate_od, stimulator_od
-from smarttac_can.nodes.plate_block import PlateBlock
-from smarttac_can.nodes.plate_node import PlateNode
-from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.instrument.nodes.plate_block import PlateBlock
+from smarttac_can.instrument.nodes.plate_node import PlateNode
+from smarttac_can.instrument.nodes.stimulator_node import StimulatorNode
 
 
 def test_an_option_that_the_bus_would_swallow_is_refused() -> None:

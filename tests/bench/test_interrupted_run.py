@@ -13,7 +13,7 @@ from nodes_on_a_bus import in_threads, stimulator_with_plate
 from smarttac_can.bench import BenchError, RunInterruptedError, Stimulator
 from smarttac_can.bench.can_link import over_can
 from smarttac_can.bench.network import LocalNetwork
-from smarttac_can.host.local_bus import LocalBus
+from smarttac_can.canopen.bus.local_bus import LocalBus
 from smarttac_can.host.process_signals import interrupt_waits
 
 

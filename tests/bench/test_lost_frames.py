@@ -12,11 +12,11 @@ from nodes_on_a_bus import GUARD_S, both, in_threads, stimulator_with_plate
 from smarttac_can.bench import HeartbeatLostError, NotRunningError, Stimulator
 from smarttac_can.bench.can_link import over_can
 from smarttac_can.bench.network import LocalNetwork
-from smarttac_can.device.frame import Frame
-from smarttac_can.host.local_bus import Connection, LocalBus
+from smarttac_can.canopen.bus.local_bus import Connection, LocalBus
+from smarttac_can.canopen.device.frame import Frame
+from smarttac_can.canopen.master.errors import BenchError
+from smarttac_can.canopen.od.cia import SYNC_ID
 from smarttac_can.host.python_can import PythonCanBus
-from smarttac_can.master.errors import BenchError
-from smarttac_can.od.cia import SYNC_ID
 
 
 def local_bench() -> tuple[Stimulator, list[Connection]]:

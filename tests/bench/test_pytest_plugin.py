@@ -27,7 +27,7 @@ def test_in_a_project_of_its_own(pytester: pytest.Pytester) -> None:
     """In which an error of the node is an error of its test."""
     pytester.makepyfile(
         """
-        from smarttac_can.nodes.stimulator_node import StimulatorNode
+        from smarttac_can.instrument.nodes.stimulator_node import StimulatorNode
 
         def test_run(stimulator):
             assert len(stimulator.run(0.05)) == 50

@@ -13,8 +13,8 @@ from nodes_on_a_bus import both, in_threads, processes, stimulator_with_plate
 from smarttac_can.bench import Stimulator, Trace
 from smarttac_can.bench.simulation import LinkName
 from smarttac_can.bench.traces import sha256, write_csv
-from smarttac_can.paper.experiments import Conditions
-from smarttac_can.paper.reproduce import TRACES, reproduce
+from smarttac_can.studies.paper.experiments import Conditions
+from smarttac_can.studies.paper.reproduce import TRACES, reproduce
 
 SECONDS = 0.5
 

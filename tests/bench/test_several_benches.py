@@ -20,7 +20,7 @@ from nodes_on_a_bus import (
 from smarttac_can.bench import BenchError, NotRunningError, State, Stimulator, can_link, selftest
 from smarttac_can.bench.calibration import mean_gauges
 from smarttac_can.bench.remote_device import bench_id
-from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.instrument.nodes.stimulator_node import StimulatorNode
 
 
 @pytest.fixture

@@ -23,8 +23,8 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.remote.webelement import WebElement
 
-from smarttac_can.panel.instrument import Instrument
-from smarttac_can.panel.server import Panel, serve
+from smarttac_can.bench.panel.instrument import Instrument
+from smarttac_can.bench.panel.server import Panel, serve
 
 HERE = Path(__file__).parent
 PICTURES = HERE.parents[1] / "build" / "browser"

@@ -21,7 +21,7 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import Select
 
 from smarttac_can.bench.link import RECORDED, Row
-from smarttac_can.panel.instrument import SimulatedBench
+from smarttac_can.bench.panel.instrument import SimulatedBench
 
 FIRST_USE_S = 30.0
 STOPS = 20

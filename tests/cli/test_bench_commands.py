@@ -31,8 +31,8 @@ from nodes_on_a_bus import (
 )
 
 from smarttac_can.bench import BenchError, Placing, State, Stimulator, read_plan
-from smarttac_can.commissioning.node_ids import wait_until
-from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.canopen.commissioning.node_ids import wait_until
+from smarttac_can.instrument.nodes.stimulator_node import StimulatorNode
 from smarttac_can.vocabulary.faults import FaultKind
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 

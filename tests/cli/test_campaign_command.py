@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from commands import refusal, run, succeed
 
-from smarttac_can.campaign import runner
-from smarttac_can.population import trial
+from smarttac_can.science.population import trial
+from smarttac_can.studies.campaign import runner
 
 pytestmark = pytest.mark.usefixtures("compiled_once")
 # The package shows the command under the name of its module.

@@ -24,8 +24,8 @@ FIRST_RUN = Path(__file__).parents[2] / "docs" / "tutorial" / "first-run.md"
 @pytest.fixture(autouse=True)
 def short_table(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few passes of a finger and short strokes: these tests are not about the numbers."""
-    monkeypatch.setattr("smarttac_can.paper.experiments.PASSES", 6)
-    monkeypatch.setattr("smarttac_can.paper.experiments._FIG2_S", 0.4)
+    monkeypatch.setattr("smarttac_can.studies.paper.experiments.PASSES", 6)
+    monkeypatch.setattr("smarttac_can.studies.paper.experiments._FIG2_S", 0.4)
 
 
 def test_the_commands() -> None:
@@ -76,7 +76,7 @@ def tell():
     status = pathlib.Path("/proc/self/status").read_text()
     pathlib.Path("size").write_text(re.search(r"VmHWM:\\s+(\\d+) kB", status)[1])
 atexit.register(tell)
-from smarttac_can.paper import experiments
+from smarttac_can.studies.paper import experiments
 from smarttac_can.cli import main
 experiments.PASSES = 10
 main(["demo"])

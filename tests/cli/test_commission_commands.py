@@ -16,14 +16,14 @@ from commands import refusal, run, succeed
 from nodes_on_a_bus import in_threads, multicast_options, processes
 from rich_eds import RICH, RICH_EDS
 
-from smarttac_can.commissioning.node_ids import Identity
-from smarttac_can.commissioning.scan import matching_eds
-from smarttac_can.device.device import Device
-from smarttac_can.device.storage import Memory
-from smarttac_can.host.node import HostedNode
-from smarttac_can.nodes.device_node import DeviceNode
-from smarttac_can.od.cia import DataType
-from smarttac_can.od.eds import load_eds
+from smarttac_can.canopen.bus.node import HostedNode
+from smarttac_can.canopen.commissioning.node_ids import Identity
+from smarttac_can.canopen.commissioning.scan import matching_eds
+from smarttac_can.canopen.device.device import Device
+from smarttac_can.canopen.device.storage import Memory
+from smarttac_can.canopen.od.cia import DataType
+from smarttac_can.canopen.od.eds import load_eds
+from smarttac_can.instrument.nodes.device_node import DeviceNode
 
 # ``smarttac eds``: results on stdout or in a file, and one line for what is wrong.
 

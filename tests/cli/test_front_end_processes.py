@@ -17,7 +17,7 @@ MODULE = '''
 from mmap import mmap
 from pathlib import Path
 from struct import pack
-from smarttac_can.plant import SUBJECTS, Lifted, Plate, PlateParameters
+from smarttac_can.science.plant import SUBJECTS, Lifted, Plate, PlateParameters
 from smarttac_can.vocabulary import Drive
 
 class Lab:

@@ -151,7 +151,7 @@ def test_a_plate_that_is_not_there(multicast: dict[str, Any]) -> None:
 def test_a_loop_that_is_there_already(
     multicast: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("smarttac_can.timing.loop_run._ANSWER_S", GUARD_S)
+    monkeypatch.setattr("smarttac_can.assurance.timing.loop_run._ANSWER_S", GUARD_S)
     with can.Bus(**multicast) as bus:
         over = threading.Event()
 
@@ -183,7 +183,7 @@ def test_a_node_that_is_there_already(
     multicast: dict[str, Any],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("smarttac_can.timing.loop_run._ANSWER_S", GUARD_S)
+    monkeypatch.setattr("smarttac_can.assurance.timing.loop_run._ANSWER_S", GUARD_S)
     with processes(multicast, command) as (node,):
         line = refusal("jitter", *multicast_options(multicast), *others)
         assert len(children()) == 1
@@ -197,7 +197,7 @@ def test_a_node_that_is_there_already(
 def test_a_node_that_is_stopped_is_known_by_its_heartbeat(
     multicast: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("smarttac_can.timing.loop_run._ANSWER_S", GUARD_S)
+    monkeypatch.setattr("smarttac_can.assurance.timing.loop_run._ANSWER_S", GUARD_S)
     with processes(multicast, "node"), can.Bus(**multicast) as bus:
         bus.send(can.Message(arbitration_id=0, data=[2, 32], is_extended_id=False))
         assert refusal("jitter", *multicast_options(multicast)).startswith(

@@ -15,8 +15,8 @@ from rich_eds import RICH_EDS
 from small_eds import entry, record, small_eds, written
 
 from smarttac_can.bench import plate_od, stimulator_od
+from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.cli.log import FrameText
-from smarttac_can.device.frame import Frame
 
 
 @pytest.mark.parametrize(

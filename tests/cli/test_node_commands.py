@@ -8,19 +8,19 @@ from nodes_on_a_bus import NodeProcess, multicast_options
 from rich_eds import RICH_EDS
 
 from smarttac_can.bench.simulation import plate_od, stimulator_od
+from smarttac_can.canopen.bus.bus import QueueFullError
+from smarttac_can.canopen.device.frame import Frame
+from smarttac_can.canopen.device.storage import Memory
+from smarttac_can.canopen.master import requests
+from smarttac_can.canopen.od.cia import LSS_MASTER_ID
 from smarttac_can.cli import nodes
 from smarttac_can.cli.nodes import Pace, StateLines, read_finger
 from smarttac_can.cli.shared import BusChoice, load_own
-from smarttac_can.device.frame import Frame
-from smarttac_can.device.storage import Memory
-from smarttac_can.host.bus import QueueFullError
 from smarttac_can.host.files import read_eds
-from smarttac_can.master import requests
-from smarttac_can.nodes.plate_block import PlateBlock
-from smarttac_can.nodes.plate_node import PlateNode
-from smarttac_can.nodes.stimulator_node import StimulatorNode
-from smarttac_can.od.cia import LSS_MASTER_ID
-from smarttac_can.plant.finger import Stroke
+from smarttac_can.instrument.nodes.plate_block import PlateBlock
+from smarttac_can.instrument.nodes.plate_node import PlateNode
+from smarttac_can.instrument.nodes.stimulator_node import StimulatorNode
+from smarttac_can.science.plant.finger import Stroke
 from smarttac_can.vocabulary.states import State
 
 # What ``smarttac node`` and ``smarttac plate`` refuse: one line on stderr and no traceback.

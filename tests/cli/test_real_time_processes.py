@@ -18,10 +18,10 @@ from typing import Any
 import pytest
 from nodes_on_a_bus import GUARD_S, ODS, multicast_options, processes, until
 
+from smarttac_can.assurance.timing.stage_watch import MASTER_ID, StageWatch
 from smarttac_can.bench import FaultError, HeartbeatLostError, Stimulator
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
-from smarttac_can.nodes.loop_frames import crc8
-from smarttac_can.timing.stage_watch import MASTER_ID, StageWatch
+from smarttac_can.instrument.nodes.loop_frames import crc8
 from smarttac_can.vocabulary.states import State
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 

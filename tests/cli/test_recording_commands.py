@@ -31,8 +31,8 @@ from nodes_on_a_bus import (
 
 from smarttac_can.bench import Stimulator
 from smarttac_can.bench.recording_file import Summary
+from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.cli.recording import _lines
-from smarttac_can.device.frame import Frame
 from smarttac_can.host.files import packaged_eds
 from smarttac_can.host.frame_log import RECORD, FrameLog, FrameLogReader
 from smarttac_can.host.log_file import CandumpWriter, read_log

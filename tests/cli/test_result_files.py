@@ -22,7 +22,7 @@ def content(folder: Path) -> dict[str, bytes]:
 
 @pytest.fixture(autouse=True)
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("smarttac_can.paper.experiments.PASSES", 4)
+    monkeypatch.setattr("smarttac_can.studies.paper.experiments.PASSES", 4)
 
 
 FILES: dict[str, tuple[str | Path, ...]] = {

@@ -8,9 +8,9 @@ from commands import refusal, succeed
 from nodes_on_a_bus import in_threads
 from small_eds import NODE_ID, entry, small_eds, written
 
-from smarttac_can.device.device import Device
-from smarttac_can.nodes.device_node import DeviceNode
-from smarttac_can.od.eds import load_eds
+from smarttac_can.canopen.device.device import Device
+from smarttac_can.canopen.od.eds import load_eds
+from smarttac_can.instrument.nodes.device_node import DeviceNode
 
 TEXT = small_eds(
     entry("2000", 6, "rw", "250", "HighLimit=1000").replace("Entry 2000", "Voltage [10 mV]")

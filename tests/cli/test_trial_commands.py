@@ -12,10 +12,10 @@ import pytest
 from commands import refusal, run, succeed
 from nodes_on_a_bus import GUARD_S, until
 
+from smarttac_can.assurance.trials.fault_matrix import FaultRow
+from smarttac_can.assurance.trials.sensor_sweep import Cell, parse_cell
+from smarttac_can.assurance.trials.soak import ProcessSize
 from smarttac_can.host.log_file import read_candump
-from smarttac_can.trials.fault_matrix import FaultRow
-from smarttac_can.trials.sensor_sweep import Cell, parse_cell
-from smarttac_can.trials.soak import ProcessSize
 
 ONE = ("faults", "--fault", "measurements lost", "--mode", "friction", "--hold", "20")
 
@@ -191,7 +191,7 @@ def test_channel_that_is_not_there_has_its_cure_as_elsewhere(
     if number is None:
         monkeypatch.delattr("socket.CAN_RAW", raising=False)
     else:
-        monkeypatch.setattr("smarttac_can.trials.fault_matrix.socket.socket", refuse)
+        monkeypatch.setattr("smarttac_can.assurance.trials.fault_matrix.socket.socket", refuse)
     line = refusal(*ONE, "--channel", "vcan9")
     assert line.startswith("cannot open the socketcan bus, channel vcan9: ")
     assert cure in line

@@ -15,9 +15,9 @@ from commands import succeed
 from nodes_on_a_bus import in_threads, stimulator_with_plate
 
 from smarttac_can.bench.simulation import stimulator_od
-from smarttac_can.device.device import Device
-from smarttac_can.device.frame import Frame
-from smarttac_can.od.eds import load_eds
+from smarttac_can.canopen.device.device import Device
+from smarttac_can.canopen.device.frame import Frame
+from smarttac_can.canopen.od.eds import load_eds
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"

@@ -16,14 +16,14 @@ import can
 
 from smarttac_can.bench import BenchError, Stimulator, Texture, write_csv
 from smarttac_can.bench.simulation import stimulator_od
-from smarttac_can.commissioning.dcf import make_dcf
-from smarttac_can.device.frame import Frame
-from smarttac_can.device.storage import Memory
+from smarttac_can.canopen.commissioning.dcf import make_dcf
+from smarttac_can.canopen.device.frame import Frame
+from smarttac_can.canopen.device.storage import Memory
+from smarttac_can.canopen.master import requests
 from smarttac_can.host.files import read_eds
 from smarttac_can.host.log_file import CandumpWriter
 from smarttac_can.host.python_can import to_message
-from smarttac_can.master import requests
-from smarttac_can.nodes.stimulator_node import StimulatorNode
+from smarttac_can.instrument.nodes.stimulator_node import StimulatorNode
 from smarttac_can.vocabulary.faults import FaultKind
 
 SAVE = int.from_bytes(b"save", "little")

@@ -23,11 +23,11 @@ from smarttac_can.bench import (
     write_csv,
 )
 from smarttac_can.bench.recording_file import RecordedData
-from smarttac_can.device.storage import Memory
+from smarttac_can.canopen.device.storage import Memory
+from smarttac_can.canopen.od.eds import load_eds
 from smarttac_can.host.files import StorageFile, read_lines
 from smarttac_can.host.log_file import read_log
-from smarttac_can.nodes.stimulator_node import StimulatorNode
-from smarttac_can.od.eds import load_eds
+from smarttac_can.instrument.nodes.stimulator_node import StimulatorNode
 from smarttac_can.vocabulary.textures import TextureTable
 
 FOLDER = Path(__file__).parent / "c475fbb"

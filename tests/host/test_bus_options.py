@@ -10,11 +10,11 @@ import can
 import pytest
 
 import smarttac_can
+from smarttac_can.assurance.timing.loop_run import require_free
 from smarttac_can.bench.network import TappedNetwork
 from smarttac_can.cli.shared import BusChoice, closing_network
 from smarttac_can.host import python_can
 from smarttac_can.host.python_can import PythonCanBus, open_bus
-from smarttac_can.timing.loop_run import require_free
 
 GROUP = {"interface": "udp_multicast", "channel": "239.74.163.3"}
 

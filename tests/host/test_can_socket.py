@@ -22,9 +22,9 @@ from hypothesis import strategies as st
 from nodes_on_a_bus import GUARD_S
 
 from smarttac_can.bench.network import TappedNetwork
-from smarttac_can.device.frame import Frame
+from smarttac_can.canopen.bus.bus import BusError, QueueFullError
+from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.host import can_socket
-from smarttac_can.host.bus import BusError, QueueFullError
 from smarttac_can.host.can_socket import (
     CanSocket,
     MulticastBus,

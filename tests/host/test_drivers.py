@@ -6,8 +6,8 @@ from importlib import util
 import can
 import pytest
 
+from smarttac_can.canopen.bus.bus import BusError
 from smarttac_can.host import python_can
-from smarttac_can.host.bus import BusError
 from smarttac_can.host.drivers import cure, unknown_options
 from smarttac_can.host.python_can import PythonCanBus
 

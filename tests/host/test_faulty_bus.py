@@ -14,9 +14,9 @@ from toy_node import (
     ToyNode,
 )
 
-from smarttac_can.device.frame import Frame
+from smarttac_can.canopen.bus.local_bus import Connection, LocalBus
+from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.host.faulty_bus import Disturbance, FaultyBus, FrameFault
-from smarttac_can.host.local_bus import Connection, LocalBus
 
 
 class Bench:

@@ -21,9 +21,9 @@ from read_once import read_once
 from rich_eds import RICH
 
 from smarttac_can.bench import Stimulator
+from smarttac_can.canopen.device.device import Device
+from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.cli.nodes import read_finger
-from smarttac_can.device.device import Device
-from smarttac_can.device.frame import Frame
 from smarttac_can.host import files
 from smarttac_can.host.files import (
     MAX_EDS_BYTES,

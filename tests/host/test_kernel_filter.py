@@ -17,7 +17,7 @@ from can.interfaces.socketcan import SocketcanBus
 from interrupts import interrupted
 from nodes_on_a_bus import GUARD_S
 
-from smarttac_can.device.frame import Frame
+from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.host import kernel_filter
 from smarttac_can.host.can_socket import open_socket
 from smarttac_can.host.kernel_filter import drop, enlarge_buffer, receive_only

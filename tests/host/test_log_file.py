@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from smarttac_can.device.frame import Frame
+from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.host.log_file import CandumpWriter, read_candump, read_log, read_messages
 
 STAMPS = st.integers(0, 2_000_000_000_000_000)

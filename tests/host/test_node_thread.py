@@ -6,7 +6,7 @@ import pytest
 from nodes_on_a_bus import GUARD_S
 from toy_node import BOOT_UP, OFF, REPLY, REQUEST, ToyNode
 
-from smarttac_can.device.frame import Frame
+from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.host.runner import node_in_thread
 

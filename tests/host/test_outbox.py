@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from toy_node import AT_SYNC, EMERGENCY, REPLY, TICKER, ToyNode
 
-from smarttac_can.device.frame import Frame
-from smarttac_can.host.bus import BusError, QueueFullError
+from smarttac_can.canopen.bus.bus import BusError, QueueFullError
+from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.host.outbox import Outbox
 
 TICK_US = 1000

@@ -15,7 +15,7 @@ import toy_node
 from nodes_on_a_bus import GUARD_S, until
 from toy_node import BOOT_UP, OFF
 
-from smarttac_can.device.frame import Frame
+from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.host.process_signals import endings_interrupt, stop_on_signals
 from smarttac_can.host.python_can import PythonCanBus
 

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from nodes_on_a_bus import GUARD_S
 from toy_node import SYNC
 
-from smarttac_can.device.frame import Frame
+from smarttac_can.canopen.bus.bus import BusError, QueueFullError
+from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.host import python_can
-from smarttac_can.host.bus import BusError, QueueFullError
 from smarttac_can.host.can_socket import to_frame, to_message
 from smarttac_can.host.python_can import PythonCanBus
 

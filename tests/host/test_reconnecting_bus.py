@@ -6,8 +6,8 @@ from itertools import pairwise
 import pytest
 from toy_node import ToyNode
 
-from smarttac_can.device.frame import Frame
-from smarttac_can.host.bus import BusError, QueueFullError
+from smarttac_can.canopen.bus.bus import BusError, QueueFullError
+from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.host.reconnecting_bus import FIRST_WAIT_S, LONGEST_WAIT_S, ReconnectingBus
 
 HELLO, AGAIN, GOODBYE = Frame(0x701, b"\x7f"), Frame(0x081, bytes(8)), Frame(0x081, b"\1")

@@ -22,8 +22,8 @@ from toy_node import (
     ToyNode,
 )
 
-from smarttac_can.device.frame import Frame
-from smarttac_can.host.bus import BusError, QueueFullError
+from smarttac_can.canopen.bus.bus import BusError, QueueFullError
+from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.host.reconnecting_bus import ReconnectingBus
 from smarttac_can.host.runner import Observer, run_node
 

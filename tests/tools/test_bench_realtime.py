@@ -16,7 +16,7 @@ import psutil
 import pytest
 from nodes_on_a_bus import GUARD_S, until
 
-from smarttac_can.master.errors import BenchError
+from smarttac_can.canopen.master.errors import BenchError
 
 TOOL = Path(__file__).parents[2] / "tools" / "bench_realtime"
 QUANTILES = {"p50_us", "p99_us", "p999_us", "p9999_us", "max_us"}

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from smarttac_can.trials.sensor_sweep import PROMISES, failures, parse_cell
+from smarttac_can.assurance.trials.sensor_sweep import PROMISES, failures, parse_cell
 
 ROOT = Path(__file__).resolve().parents[2]
 ROW = {
@@ -143,7 +143,7 @@ def test_a_broken_promise_fails_and_is_written(
     tool: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     broken = PROMISES._replace(bare_um=1.0, cycles=2)
-    monkeypatch.setattr("smarttac_can.trials.sensor_sweep.PROMISES", broken)
+    monkeypatch.setattr("smarttac_can.assurance.trials.sensor_sweep.PROMISES", broken)
     code, said = run(tool, "--healthy", "1")
     assert code == 1
     assert "cycles above 1.01 um without contact, 5.00 um with it; 2 are promised" in said

@@ -11,9 +11,9 @@ from types import ModuleType
 
 import pytest
 
+from smarttac_can.assurance.trials.sensor_sweep import failures
+from smarttac_can.canopen.od.eds import load_eds
 from smarttac_can.host.files import read_eds
-from smarttac_can.od.eds import load_eds
-from smarttac_can.trials.sensor_sweep import failures
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 
 ROOT = Path(__file__).resolve().parents[2]

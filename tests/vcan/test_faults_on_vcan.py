@@ -11,12 +11,12 @@ import pytest
 from processes import CHANNEL, GUARD_S, PLATE_ID, NodeProcess
 from test_left_at_0_v import connect, stage_voltage
 
+from smarttac_can.assurance.trials.fault_cases import cases
+from smarttac_can.assurance.trials.fault_matrix import SocketCanWire, fault_matrix
+from smarttac_can.assurance.trials.rig import Rig
 from smarttac_can.bench import HeartbeatLostError, Mode, Stimulator
-from smarttac_can.host.bus import BusError
-from smarttac_can.od.cia import SYNC_ID
-from smarttac_can.trials.fault_cases import cases
-from smarttac_can.trials.fault_matrix import SocketCanWire, fault_matrix
-from smarttac_can.trials.rig import Rig
+from smarttac_can.canopen.bus.bus import BusError
+from smarttac_can.canopen.od.cia import SYNC_ID
 from smarttac_can.vocabulary.states import State
 
 HOLD_CYCLES = 200

@@ -19,10 +19,10 @@ import pytest
 from nodes_on_a_bus import ODS
 from processes import CHANNEL, GUARD_S, PLATE_ID, NodeProcess
 
+from smarttac_can.assurance.timing.stage_watch import MASTER_ID, StageWatch
 from smarttac_can.bench.simulation import STIMULATOR_ID
-from smarttac_can.device.frame import Frame
+from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.host.python_can import PythonCanBus
-from smarttac_can.timing.stage_watch import MASTER_ID, StageWatch
 from smarttac_can.vocabulary.states import Mode
 
 MASTER_MS = 3000

@@ -11,8 +11,8 @@ import pytest
 from processes import CHANNEL, GUARD_S, PLATE_ID, NodeProcess
 
 from smarttac_can.bench import HeartbeatLostError, Mode, Stimulator
+from smarttac_can.canopen.od.cia import SYNC_ID
 from smarttac_can.host.files import packaged_eds
-from smarttac_can.od.cia import SYNC_ID
 
 DEADLINE_CYCLES = 3
 """Cycles without a drive after which a plate is at 0 V."""

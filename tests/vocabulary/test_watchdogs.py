@@ -4,7 +4,7 @@ from math import erf, sqrt
 
 import pytest
 
-from smarttac_can.plant.parameters import SensorParameters
+from smarttac_can.science.plant.parameters import SensorParameters
 from smarttac_can.vocabulary.watchdogs import (
     STUCK_GAUGE_CYCLES,
     STUCK_THERMOMETER_CYCLES,

@@ -1,0 +1,361 @@
+"""The instrument that a panel shows and drives, in its own thread: a simulated bench, or a bus.
+
+The instrument never waits for the server. If the server stalls or the driving page falls silent,
+the thread of the instrument notices that it has not received the page for `LEASE_S`, and goes to 0
+V itself. If the thread stalls, a simulation stands still, and on a bus the stimulator loses the
+heartbeat of the process.
+"""
+
+from __future__ import annotations
+
+import threading
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Mapping
+from functools import partial
+from time import monotonic
+from typing import Final, NamedTuple
+
+from smarttac_can.bench import Stimulator, Texture
+from smarttac_can.bench.link import Row
+from smarttac_can.bench.simulation import open_guided_link
+from smarttac_can.bench.watch.commands import Operator, answered, obey
+from smarttac_can.bench.watch.listener import Listener
+from smarttac_can.bench.watch.watcher import PUBLISHED, READ, View, Watcher, view_of
+from smarttac_can.canopen.od.dictionary import ObjectDictionary
+from smarttac_can.host.background import Background
+from smarttac_can.vocabulary.faults import PICKUP, PICKUP_Q, THERMOMETER, FaultKind
+from smarttac_can.vocabulary.meanings import FAULT_KIND
+
+LEASE_S: Final = 0.8
+"""Time in s after which a silent page loses the right to drive; the heartbeat of a bench has 1
+s."""
+_END_S: Final = 5.0
+_SIMULATED_S: Final = 0.01
+_HEARD_S: Final = 0.02
+_CYCLE_S: Final = 1e-3
+_MOST_CYCLES: Final = 100
+"""Most cycles simulated in one step; on a slower machine the simulated time passes slower."""
+_MOST_WAITING: Final = 4
+"""Most lines in the queue: a user may enter a value and click before it is written."""
+_FAULTS: Final[Mapping[str, tuple[FaultKind, int, int]]] = {
+    "a gauge is stuck": (FaultKind.STUCK, 3, 0),
+    "a gauge is dead": (FaultKind.DEAD, 4, 0),
+    "the pick-up is dead": (FaultKind.DEAD, PICKUP_Q, 0),
+    "the pick-up reads a fifth": (FaultKind.GAIN, PICKUP, 200),
+    "the thermometer is at its end": (FaultKind.SATURATED, THERMOMETER, 1),
+    "the plate is at 80 degC": (FaultKind.TEMPERATURE, 1, 8000),
+    "the plate cracks": (FaultKind.RESONANCE_SHIFT, 1, -3000),
+    "the finger slams": (FaultKind.SLAM, 1, 8000),
+    "the power stage is stuck": (FaultKind.STAGE_STUCK, 1, 14_000),
+}
+"""Faults that a user can inject: kind, sensor and value."""
+FAULTS: Final = tuple(_FAULTS)
+_TEXTURES: Final = ((10.0, 0.2, 0.35, "square"), (20.0, 0.2, 0.35, "sine"))
+"""Period in mm, lowest and highest COF, and shape of the textures of a simulated bench."""
+_STROKE_WORDS: Final = 3
+
+
+class Lease:
+    """The right of one page to drive, while the page is received; safe in any thread."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._who: object = None
+        self._heard = 0.0
+
+    def take(self, who: object, now: float) -> bool:
+        """Grant the right at a time in s if it is free; return whether the page has it."""
+        with self._lock:
+            if self._who is None:
+                self._who, self._heard = who, now
+            return self._who is who
+
+    def renew(self, who: object, now: float) -> None:
+        """Record that a page was received at a time in s; a right that has run out stays so."""
+        with self._lock:
+            if self._who is who and now - self._heard <= LEASE_S:
+                self._heard = now
+
+    def drop(self, who: object) -> bool:
+        """Take the right from a page; return whether the page had it."""
+        with self._lock:
+            dropped = self._who is who
+            if dropped:
+                self._who = None
+            return dropped
+
+    def held_by(self, who: object) -> bool:
+        """Return whether a page has the right."""
+        with self._lock:
+            return self._who is who
+
+    def expire(self, now: float) -> bool:
+        """End the right if its page was silent for `LEASE_S`; return whether it ended now."""
+        with self._lock:
+            expired = self._who is not None and now - self._heard > LEASE_S
+            if expired:
+                self._who = None
+            return expired
+
+
+class Seen(NamedTuple):
+    """State of an instrument at one instant."""
+
+    at: float
+    """Time in s of `time.monotonic` at which its step began."""
+    view: View
+    stopping: bool
+    """Whether a stop was requested, and the stimulator is not known to be disarmed yet."""
+
+
+class Instrument(Background, ABC):
+    """An instrument that runs in its own thread during its block.
+
+    Parameters
+    ----------
+    where
+        Name of the bus or bench.
+    od
+        Object dictionary of the stimulator.
+    drives
+        Whether it accepts commands.
+    pause
+        Longest time between two steps in s.
+
+    Attributes
+    ----------
+    textures
+        Descriptions of its textures, if known.
+    lease
+        Right of a page to command it.
+    seen
+        Last state; None at the beginning.
+    answer
+        Result of the last command.
+    """
+
+    simulated = False
+    textures: tuple[str, ...] = ()
+
+    def __init__(self, where: str, od: ObjectDictionary, *, drives: bool, pause: float) -> None:
+        super().__init__("instrument", self._go, self._call_off, _END_S)
+        self.where, self.od, self.drives = where, od, drives
+        self.lease = Lease()
+        self.seen: Seen | None = None
+        self.answer = ""
+        self._pause = pause
+        self._over = False
+        self._wake = threading.Event()
+        self._stopping = threading.Event()
+        self._waiting: deque[tuple[object, str]] = deque()
+
+    def stop(self, why: str = "stop") -> None:
+        """Go to 0 V from any thread, whatever is in progress or queued."""
+        if self.drives:
+            self.answer = why
+            self._stopping.set()
+            self._wake.set()
+
+    def leave(self, who: object) -> None:
+        """Go to 0 V if the page that has left was driving."""
+        if self.lease.drop(who):
+            self.stop("the page that drove has left: stopped")
+
+    def command(self, who: object, text: str) -> None:
+        """Queue a line of the driving page; `answer` gives the result."""
+        if not self.lease.held_by(who):
+            self.answer = f"{text}: not done, this page does not drive"
+        elif self._stops() or len(self._waiting) >= _MOST_WAITING:
+            self.answer = f"{text}: not done, wait for what is being done"
+        else:
+            self._waiting.append((who, text))
+            self._wake.set()
+
+    def guide(self, who: object, x_mm: float, force: float) -> None:
+        """Move the finger of a simulation to a position in mm with a force in N.
+
+        Raises
+        ------
+        ValueError
+            A value is out of range.
+        """
+
+    def _stops(self) -> bool:
+        return self._stopping.is_set()
+
+    def _begin_stop(self) -> bool:
+        """Return whether a stop was requested; the queue is then cleared."""
+        stopping = self._stopping.is_set()
+        if stopping:
+            self._waiting.clear()
+            self._stopping.clear()
+        return stopping
+
+    def _go(self) -> None:
+        while not self._over:
+            self._wake.clear()
+            now = monotonic()
+            if self.lease.expire(now):
+                self.stop(f"the page that drove was not heard for {LEASE_S:g} s: stopped")
+            self.step(now)
+            self._wake.wait(self._pause)
+        self.stop("the panel has ended: stopped")
+        # Two more cycles, so that a simulation shows the stop.
+        self.step(monotonic() + 2.0 * _CYCLE_S)
+
+    def _call_off(self) -> None:
+        self._over = True
+        self._wake.set()
+
+    @abstractmethod
+    def step(self, now: float) -> None:
+        """Advance to a time in s."""
+
+
+class SimulatedBench(Instrument):
+    """A stimulator with its plate inside this process, at the pace of the clock.
+
+    It has no bus, and opens none. A `GuidedFinger` is on the plate.
+    """
+
+    simulated = True
+    textures = tuple(f"{shape}, {period:g} mm" for period, _, _, shape in _TEXTURES)
+
+    def __init__(self) -> None:
+        link, od, self._finger = open_guided_link()
+        super().__init__("a simulated bench", od, drives=True, pause=_SIMULATED_S)
+        self._link = link
+        self._stimulator = Stimulator(link, od)
+        for slot, (period, low, high, shape) in enumerate(_TEXTURES, 1):
+            self._stimulator.texture_slot = slot
+            self._stimulator.texture = Texture.grating(period, low, high, shape=shape)
+        self._stimulator.texture_slot = 1
+        self._simulated_to: float | None = None
+
+    def guide(self, who: object, x_mm: float, force: float) -> None:
+        """Guide the finger, if the page has the right to drive."""
+        if self.lease.held_by(who):
+            self._finger.guide(x_mm * 1e-3, force)
+
+    def leave(self, who: object) -> None:
+        """Lift the finger and go to 0 V if the page was driving."""
+        if self.lease.held_by(who):
+            self._finger.guide(0.0, 0.0)
+        super().leave(who)
+
+    def step(self, now: float) -> None:
+        """Disarm if requested, else obey the next line; then simulate the elapsed time."""
+        if self._begin_stop():
+            self._stimulator.disarm()
+        elif self._waiting:
+            who, text = self._waiting.popleft()
+            if self.lease.held_by(who):
+                self.answer = answered(partial(self._obey, text))
+        if self._simulated_to is None:
+            self._simulated_to = now
+        cycles = min(round((now - self._simulated_to) / _CYCLE_S), _MOST_CYCLES)
+        slow = cycles == _MOST_CYCLES
+        self._simulated_to = now if slow else self._simulated_to + cycles * _CYCLE_S
+        rows: list[Row] = []
+        self._link.run(cycles, rows, self._stopping.is_set)
+        self.seen = self._look(now)
+
+    def _look(self, now: float) -> Seen:
+        read = self._link.read
+        seen = {name: read(name) for name in (*PUBLISHED, "Statusword", "Mode display")}
+        view = view_of(self.od, seen, {name: read(name) for name in READ})
+        return Seen(now, view, self._stops())
+
+    def _obey(self, text: str) -> str:
+        name, *arguments = text.split() or [""]
+        stimulator = self._stimulator
+        if name == "hand" and not arguments:
+            self._finger.guide(0.0, 0.0)
+            stimulator.finger.play_recording()
+            self._start_run()
+        elif name == "stroke" and len(arguments) == _STROKE_WORDS:
+            subject, force, speed = arguments
+            stimulator.finger.stroke(int(subject), force=float(force), speed=float(speed))
+            self._start_run()
+        elif name == "break":
+            self._break(text.partition(" ")[2])
+        elif name == "mend" and not arguments:
+            stimulator.set(FAULT_KIND, int(FaultKind.NONE))
+        else:
+            return obey(stimulator, text)
+        return f"done: {text.strip()}"
+
+    def _start_run(self) -> None:
+        self._stimulator.disarm()
+        self._stimulator.start_run()
+
+    def _break(self, what: str) -> None:
+        if what not in _FAULTS:
+            raise ValueError(f"{what!r} is none of: {', '.join(FAULTS)}")
+        kind, sensor, value = _FAULTS[what]
+        self._stimulator.set_all(
+            {
+                "Fault.Sensor": sensor,
+                "Fault.Value": value,
+                "Fault.Delay in cycles": 0,
+                FAULT_KIND: int(kind),
+            }
+        )
+
+
+class BusInstrument(Instrument):
+    """A stimulator on a bus, observed by a `Watcher`.
+
+    Parameters
+    ----------
+    where
+        Name of the bus.
+    od
+        Object dictionary of the stimulator.
+    watcher
+        Watcher whose view is shown.
+    listener
+        Running source of frames.
+    stimulator
+        Stimulator to drive; None to observe only. A thread of its own waits for its answers.
+    """
+
+    def __init__(
+        self,
+        where: str,
+        od: ObjectDictionary,
+        watcher: Watcher,
+        listener: Listener,
+        stimulator: Stimulator | None,
+    ) -> None:
+        super().__init__(where, od, drives=stimulator is not None, pause=_HEARD_S)
+        self._watcher = watcher
+        self._stimulator = stimulator
+        self._operator = Operator(watcher, listener)
+
+    def step(self, now: float) -> None:
+        """Take received frames, send those that are due, and follow the command in progress."""
+        if self._begin_stop():
+            self._watcher.stop()
+        elif self._waiting and not self._operator.busy:
+            self._operator.begin(partial(self._obey, *self._waiting.popleft()))
+        answer = self._operator.step(now)
+        if answer is not None:
+            self.answer = answer
+        self.seen = Seen(now, self._watcher.view(now), self._stops())
+
+    def _stops(self) -> bool:
+        return super()._stops() or self._watcher.stopping
+
+    def _obey(self, who: object, text: str) -> str:
+        stimulator = self._stimulator
+        if stimulator is None or not self.lease.held_by(who):
+            return f"{text}: not done, its page does not drive"
+        return answered(partial(obey, stimulator, text))
+
+    def _go(self) -> None:
+        try:
+            super()._go()
+        finally:
+            self._operator.end()

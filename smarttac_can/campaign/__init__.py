@@ -1,6 +1,0 @@
-"""Campaigns: run a population of fingers on several workers; store, summarise and plot it."""
-
-from smarttac_can.campaign.runner import run_campaign
-from smarttac_can.campaign.summary import summary
-
-__all__ = ["run_campaign", "summary"]

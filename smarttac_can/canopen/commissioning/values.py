@@ -1,0 +1,421 @@
+"""Values of a device, by its EDS or DCF: read and compared, or written by the rules of CiA 301."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, Final
+
+import canopen
+from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
+
+from smarttac_can.canopen.device.service import settable
+from smarttac_can.canopen.master.errors import NodeNotFoundError, WrongDeviceError
+from smarttac_can.canopen.od.cia import (
+    COB_INVALID,
+    COB_SYNC_PRODUCER,
+    COB_TIME_CONSUMER,
+    COB_TIME_PRODUCER,
+    COMMUNICATION_LAST,
+    EMCY_COB_ID,
+    ERROR_FIELD,
+    HEARTBEAT_CONSUMER,
+    IDENTITY,
+    LAST_SUBINDEX,
+    MOST_MAPPED,
+    PDO_COB_ID,
+    PDO_COUNT,
+    RESTORE_DEFAULTS,
+    RPDO_COMMUNICATION,
+    RPDO_MAPPING,
+    SDO_CLIENT_LAST,
+    SDO_SERVER_FIRST,
+    STORE_PARAMETERS,
+    SYNC_COB_ID,
+    SYNC_COUNTER,
+    SYNC_PERIOD,
+    SYNC_WINDOW,
+    TIME_COB_ID,
+    TPDO_COMMUNICATION,
+    TPDO_MAPPING,
+    VERIFY_CONFIGURATION,
+    Abort,
+    AbortCode,
+    DataType,
+)
+from smarttac_can.canopen.od.data_types import pack, unpack
+from smarttac_can.canopen.od.dictionary import ObjectDictionary
+from smarttac_can.canopen.od.eds import Sections, parse_integer
+from smarttac_can.canopen.od.eds_check import Finding
+from smarttac_can.canopen.od.entry import Entry
+
+_PDOS: Final = ((RPDO_COMMUNICATION, RPDO_MAPPING), (TPDO_COMMUNICATION, TPDO_MAPPING))
+_SYNC: Final = (SYNC_COB_ID, SYNC_PERIOD, SYNC_WINDOW, SYNC_COUNTER)
+_COMMANDS: Final = (ERROR_FIELD, STORE_PARAMETERS, RESTORE_DEFAULTS)
+_COB_IDS: Final = (1, 2)
+"""Sub-indices of the COB-IDs of an SDO server or client."""
+_IDENTITY: Final = {
+    1: ("vendor-ID", True),
+    2: ("product code", True),
+    3: ("revision number", False),
+    4: ("serial number", False),
+}
+"""Numbers of the identity by sub-index, and whether another one means another kind of device."""
+_LONGEST_SHOWN: Final = 60
+_NOT_ON_SCAN: Final = 2
+"""Bit of ObjFlags (CiA 306) of an object that is not to be read by a scan of all objects."""
+
+
+def compare_reads(
+    network: canopen.Network, od: ObjectDictionary, sections: Sections, timeout: float
+) -> Iterator[Finding]:
+    """Read every object of a device over SDO and compare it with the default of the EDS.
+
+    Objects without a default, and process data, need only be readable. Process data are mappable
+    objects, and read-only objects outside the communication profile area.
+
+    Parameters
+    ----------
+    network
+        Connected network of python-canopen.
+    od
+        Object dictionary from the EDS, loaded for the device's node-ID.
+    sections
+        Sections of the same EDS, with its compact forms written out.
+    timeout
+        Longest wait for an answer in s.
+
+    Yields
+    ------
+    Finding
+        One for each object that the device refuses, or that has another value. If the device does
+        not answer, that is the last one.
+    """
+    client = _client(network, od, timeout)
+    for entry in od:
+        if entry.readable and not _flags(entry, sections) & _NOT_ON_SCAN:
+            keys = sections.get(_section(entry, sections), {})
+            stated = keys.get("parametervalue") or keys.get("defaultvalue")
+            judged = bool(stated) and not _is_process_data(entry)
+            try:
+                yield from _read(client, entry, sections, judged=judged)
+            except SdoCommunicationError:
+                yield _silent(od, entry, sections)
+                return
+
+
+def write_dcf(
+    network: canopen.Network,
+    od: ObjectDictionary,
+    sections: Sections,
+    timeout: float,
+    *,
+    any_device: bool = False,
+) -> Iterator[Finding]:
+    """Write the values of a DCF to its device, and read each of them back.
+
+    The identity (1018h) is compared before anything is written. Communication parameters are
+    written by the procedures of CiA 301: a COB-ID is invalid while it changes, a PDO while its
+    mapping does, and so on. A PDO whose mapping the device refuses is left invalid.
+
+    Parameters
+    ----------
+    network
+        Connected network of python-canopen.
+    od
+        Object dictionary from the DCF, loaded for the device's node-ID.
+    sections
+        Sections of the same DCF, with its compact forms written out.
+    timeout
+        Longest wait for an answer in s.
+    any_device
+        Whether to write to a device of another vendor or product.
+
+    Yields
+    ------
+    Finding
+        One for each value that the device refuses, or reads back differently, and a warning for
+        another revision or serial number. If the device stops answering, that is the last one.
+
+    Raises
+    ------
+    NodeNotFoundError
+        Nothing was written, as the device does not answer.
+    WrongDeviceError
+        Nothing was written, as the device has another vendor-ID or product code.
+    """
+    client = _client(network, od, timeout)
+    yield from compare_identity(client, od, any_device=any_device)
+    values = stated_values(od, sections)
+    writer = _Writer(client, od)
+    try:
+        writer.write_all(values)
+        for entry, text in writer.refused.items():
+            yield Finding(_section(entry, sections), text)
+        for entry in values:
+            readable = entry.readable and entry.data_type is not DataType.DOMAIN
+            if readable and entry not in writer.refused:
+                yield from _read(client, entry, sections, judged=True)
+    except SdoCommunicationError:
+        yield Finding("", f"node {od.node_id} does not answer any more")
+
+
+def compare_identity(
+    client: Any, od: ObjectDictionary, *, any_device: bool = False
+) -> Iterator[Finding]:
+    """Compare the identity of a device with that of its EDS, where that is stated.
+
+    Yields
+    ------
+    Finding
+        A warning for each number that differs.
+
+    Raises
+    ------
+    NodeNotFoundError
+        The device does not answer.
+    WrongDeviceError
+        Vendor-ID or product code differ, unless `any_device`.
+    """
+    for subindex, (name, telling) in _IDENTITY.items():
+        stated = od.number(IDENTITY, subindex)
+        try:
+            found = int.from_bytes(client.upload(IDENTITY, subindex), "little")
+        except SdoAbortedError:
+            continue
+        except SdoCommunicationError:
+            raise NodeNotFoundError(f"node {od.node_id} does not answer") from None
+        if not stated or found == stated:
+            continue
+        text = f"the device has the {name} {found:X}h, the file {stated:X}h"
+        if telling and not any_device:
+            raise WrongDeviceError(
+                f"node {od.node_id} is another device, and nothing is written: {text}"
+            )
+        yield Finding(f"{IDENTITY:04x}sub{subindex}", text, error=False)
+
+
+def stated_values(od: ObjectDictionary, sections: Sections) -> list[Entry]:
+    """Return the writable entries to which a DCF gives a ParameterValue or a DownloadFile.
+
+    Commands are left out: to clear the errors (1003h), to store and to restore (1010h, 1011h). So
+    are the COB-IDs of the default SDO, over which they would be written.
+    """
+    return [
+        entry
+        for entry in od
+        if entry.writable
+        and entry.index not in _COMMANDS
+        and (entry.index != SDO_SERVER_FIRST or entry.subindex not in _COB_IDS)
+        and {"parametervalue", "downloadfile"} & sections.get(_section(entry, sections), {}).keys()
+    ]
+
+
+def take_files(entries: Iterable[Entry], sections: Sections, read: Callable[[str], bytes]) -> None:
+    """Set the values of the entries with a DownloadFile (CiA 306) to the content of that file.
+
+    Parameters
+    ----------
+    read
+        Function that returns the content of a file by its name in the DCF.
+
+    Raises
+    ------
+    ValueError
+        The content is no value of the entry.
+    """
+    for entry in entries:
+        name = sections.get(section := _section(entry, sections), {}).get("downloadfile", "")
+        if name:
+            try:
+                entry.default = entry.value = unpack(entry.data_type, read(name))
+            except Abort as error:
+                where = f"[{section}] DownloadFile={name}"
+                raise ValueError(f"{where} is no {entry.data_type.name}: {error}") from error
+
+
+class _Writer:
+    """Write values to a device in the order and by the steps of CiA 301.
+
+    Attributes
+    ----------
+    refused
+        Entries whose last write was refused, and why.
+    """
+
+    def __init__(self, client: Any, od: ObjectDictionary) -> None:
+        self._client = client
+        self._od = od
+        self.refused: dict[Entry, str] = {}
+
+    def write_all(self, values: Iterable[Entry]) -> None:
+        """Write values: services first, then PDOs, and last the date of the configuration."""
+        objects: dict[int, list[Entry]] = {}
+        pdos: dict[int, list[Entry]] = {}
+        last: list[Entry] = []
+        for entry in values:
+            if entry.index == VERIFY_CONFIGURATION:
+                last.append(entry)  # a write of anything else would make it invalid
+            elif (pdo := _communication_record(entry.index)) is not None:
+                pdos.setdefault(pdo, []).append(entry)
+            else:
+                objects.setdefault(SYNC_COB_ID if entry.index in _SYNC else entry.index, []).append(
+                    entry
+                )
+        for index, entries in objects.items():
+            self._write_object(index, entries)
+        for communication, entries in pdos.items():
+            self._write_pdo(communication, entries)
+        for entry in last:
+            self._write(entry)
+
+    def _write_object(self, index: int, entries: list[Entry]) -> None:
+        """Write the entries of one object, or of all those of SYNC."""
+        if index == SYNC_COB_ID:
+            self._write_sync({entry.index: entry for entry in entries})
+            return
+        if index == EMCY_COB_ID:
+            self._write(entries[0], entries[0].default | COB_INVALID)
+        elif index == TIME_COB_ID:
+            self._write(entries[0], entries[0].default & ~(COB_TIME_CONSUMER | COB_TIME_PRODUCER))
+        elif index == HEARTBEAT_CONSUMER:
+            for entry in entries:  # so that no two of them supervise the same node meanwhile
+                if entry.subindex:
+                    self._write(entry, 0)
+        elif SDO_SERVER_FIRST < index <= SDO_CLIENT_LAST:
+            for entry in entries:
+                if entry.subindex in _COB_IDS:
+                    self._write(entry, entry.default | COB_INVALID)
+        # COB-IDs come last: from then on the object is in use.
+        late = SDO_SERVER_FIRST < index <= SDO_CLIENT_LAST
+        for entry in sorted(entries, key=lambda entry: late and entry.subindex in _COB_IDS):
+            self._write(entry)
+
+    def _write_sync(self, stated: dict[int, Entry]) -> None:
+        """Write SYNC: the CAN-ID while it produces none, the counter while it has no period."""
+        cob_id, period = stated.get(SYNC_COB_ID), stated.get(SYNC_PERIOD)
+        counter = stated.get(SYNC_COUNTER)
+        if cob_id is not None:
+            self._write(cob_id, cob_id.default & ~COB_SYNC_PRODUCER)
+        present = period or self._od.get(SYNC_PERIOD)
+        if counter is not None and present is not None:
+            if period is None:
+                present.default = self._present(present)
+            if self._write(present, 0):
+                period = present
+        for entry in (stated.get(SYNC_WINDOW), counter, period, cob_id):
+            if entry is not None:
+                self._write(entry)
+
+    def _write_pdo(self, communication: int, entries: list[Entry]) -> None:
+        """Write a PDO by 7.5.2.36: invalid, no objects, objects, their number, and valid."""
+        mapping = communication + RPDO_MAPPING - RPDO_COMMUNICATION
+        cob_id, count = self._od.get(communication, PDO_COB_ID), self._od.get(mapping, 0)
+        if cob_id is not None and cob_id not in entries:
+            cob_id.default = self._present(cob_id)
+        if cob_id is not None and cob_id.default != cob_id.default | COB_INVALID:
+            self._write(cob_id, cob_id.default | COB_INVALID)
+        mapped = [entry for entry in entries if entry.index == mapping]
+        whole = not mapped or self._write_mapping(mapping, count, mapped)
+        for entry in entries:
+            if entry.index == communication and entry is not cob_id:
+                self._write(entry)
+        if cob_id is not None and not whole:
+            self.refused[cob_id] = "the PDO is left invalid, as its mapping is refused"
+        elif cob_id is not None and (cob_id in entries or cob_id.writable):
+            self._write(cob_id)
+
+    def _write_mapping(self, mapping: int, count: Entry | None, stated: list[Entry]) -> bool:
+        """Write the objects of a mapping; return whether the device has taken all."""
+        if count is None or not settable(count, 0):
+            written = [self._write(entry) for entry in stated]
+            return all(written)
+        self._write(count, 0)
+        number = count.default if count.default <= MOST_MAPPED else LAST_SUBINDEX
+        objects = (self._od.get(mapping, position) for position in range(1, number + 1))
+        written = [self._write(entry) for entry in objects if entry is not None]
+        return all(written) and self._write(count)
+
+    def _write(self, entry: Entry, raw: int | None = None) -> bool:
+        """Write the value of the DCF, or a step before that; return whether it was accepted.
+
+        A step that the limits of the EDS rule out is left out, as the device cannot require it.
+        """
+        if raw is not None and not settable(entry, raw):
+            return False
+        data = pack(entry.data_type, entry.default if raw is None else raw)
+        try:
+            self._client.download(entry.index, entry.subindex, data)
+        except SdoAbortedError as error:
+            value = _shown(entry.default if raw is None else raw)
+            self.refused[entry] = f"the device refuses {value}: {Abort(error.code)}"
+            return False
+        self.refused.pop(entry, None)
+        return True
+
+    def _present(self, entry: Entry) -> Any:
+        """Return the value that the device has, or that of the file if it cannot be read."""
+        try:
+            return unpack(entry.data_type, self._client.upload(entry.index, entry.subindex))
+        except (SdoAbortedError, Abort):
+            return entry.default
+
+
+def _shown(value: object) -> str:
+    """Return a value in one short line."""
+    text = repr(value)
+    return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}..."
+
+
+def _communication_record(index: int) -> int | None:
+    """Return the index of the communication record of a PDO's object, None for another object."""
+    for communication, mapping in _PDOS:
+        for first in (communication, mapping):
+            if 0 <= index - first < PDO_COUNT:
+                return index - first + communication
+    return None
+
+
+def _client(network: canopen.Network, od: ObjectDictionary, timeout: float) -> Any:
+    client = network.add_node(od.node_id, canopen.ObjectDictionary()).sdo
+    client.RESPONSE_TIMEOUT = timeout
+    client.MAX_RETRIES = 1
+    return client
+
+
+def _read(client: Any, entry: Entry, sections: Sections, *, judged: bool) -> Iterator[Finding]:
+    """Read an entry; yield a finding if it cannot be read or, when `judged`, its value differs."""
+    section = _section(entry, sections)
+    try:
+        found = unpack(entry.data_type, client.upload(entry.index, entry.subindex))
+    except SdoAbortedError as error:
+        if error.code != AbortCode.NO_DATA:
+            yield Finding(section, f"the device refuses to read it: {Abort(error.code)}")
+    except Abort as error:
+        yield Finding(section, f"the device reads as no {entry.data_type.name}: {error}")
+    else:
+        if judged and found != entry.default:
+            yield Finding(section, f"the device reads {found!r}, not {entry.default!r}")
+
+
+def _silent(od: ObjectDictionary, entry: Entry, sections: Sections) -> Finding:
+    return Finding(_section(entry, sections), f"node {od.node_id} does not answer")
+
+
+def _flags(entry: Entry, sections: Sections) -> int:
+    """Return the ObjFlags of an entry, or else of its object."""
+    own = sections.get(_section(entry, sections), {}).get("objflags")
+    text = own or sections.get(f"{entry.index:04x}", {}).get("objflags", "")
+    return parse_integer(text, "ObjFlags") if text else 0
+
+
+def _is_process_data(entry: Entry) -> bool:
+    return entry.pdo or (entry.access == "ro" and entry.index > COMMUNICATION_LAST)
+
+
+def _section(entry: Entry, sections: Sections) -> str:
+    """Return the name of the section of an entry."""
+    name = f"{entry.index:04x}"
+    for member in (f"{name}sub{entry.subindex:x}", f"{name}sub{entry.subindex:02x}"):
+        if member in sections:
+            return member
+    return name

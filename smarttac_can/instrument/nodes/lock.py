@@ -1,0 +1,184 @@
+"""Limits and watchdogs may be tightened while a drive is possible, but not relaxed.
+
+This holds for both nodes. To relax means to allow more, or to detect a fault later.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final, NamedTuple
+
+from smarttac_can.canopen.od.cia import (
+    EMCY_COB_ID,
+    GUARD_TIME,
+    HEARTBEAT_CONSUMER,
+    HEARTBEAT_PRODUCER,
+    LIFE_TIME_FACTOR,
+    PDO_COB_ID,
+    PDO_EVENT,
+    PDO_TRANSMISSION,
+    RPDO_COMMUNICATION,
+    RPDO_MAPPING,
+    SYNC_COB_ID,
+    SYNC_PERIOD,
+    TPDO_COMMUNICATION,
+    Abort,
+    AbortCode,
+)
+from smarttac_can.canopen.od.dictionary import ObjectDictionary
+from smarttac_can.canopen.od.entry import Entry
+from smarttac_can.instrument.nodes.loop_frames import (
+    DRIVE_RPDO,
+    DRIVE_TPDO,
+    MEASUREMENT_RPDOS,
+    MEASUREMENT_TPDOS,
+)
+from smarttac_can.instrument.nodes.parameters import CALIBRATION, GAUGE_ZERO, LIMIT, MODEL, NULL
+
+_LAST_NODE: Final = 127
+
+
+class Rule(NamedTuple):
+    """Rule that tells which writes relax an object."""
+
+    text: str
+    forbids: Callable[[int, int], bool]
+    """Function of the present and the new raw value: whether the write relaxes the object."""
+
+
+def supervised_node(watch: int) -> int:
+    """Return the node-ID that an entry of the heartbeat consumer supervises, 0 for none."""
+    node_id, time = watch >> 16 & 0xFF, watch & 0xFFFF
+    return node_id if time and node_id <= _LAST_NODE else 0
+
+
+def _lasts_longer(present: int, value: int) -> bool:
+    return present != 0 and (value == 0 or value > present)
+
+
+def _supervises_less(present: int, value: int) -> bool:
+    if not supervised_node(present):
+        return False
+    other = supervised_node(value) != supervised_node(present)
+    return other or value & 0xFFFF > present & 0xFFFF
+
+
+HIGHER: Final = Rule("a higher value", lambda present, value: value > present)
+LOWER: Final = Rule("a lower value", lambda present, value: value < present)
+LONGER: Final = Rule("a longer time, or 0 where there is one", _lasts_longer)
+ELSEWHERE: Final = Rule("of a node: a longer time, 0, or another node", _supervises_less)
+OTHER: Final = Rule("any but the present value", lambda present, value: value != present)
+
+
+class Place(NamedTuple):
+    """Objects of the communication profile, and the rule for them."""
+
+    first: int
+    last: int
+    rule: Rule
+    subindices: tuple[int, ...] = ()
+    """Sub-indices to which the rule applies; empty for all."""
+
+
+class Table(NamedTuple):
+    """Rules of one node."""
+
+    by_name: Mapping[str, Rule]
+    """Rules by object or record name; the name of an object precedes that of its record."""
+    by_index: tuple[Place, ...]
+    """Rules for SYNC, guarding, heartbeats, and the PDOs of a drive."""
+    condition: str
+    """When the rules apply, and what ends that."""
+
+
+def _wiring(communication: int, pdos: Sequence[int]) -> Place:
+    """Return the place of PDO communication records: all of a TPDO, COB-ID and type of an RPDO."""
+    first, last = communication + pdos[0] - 1, communication + pdos[-1] - 1
+    parts = (PDO_COB_ID, PDO_TRANSMISSION) if communication == RPDO_COMMUNICATION else ()
+    return Place(first, last, OTHER, parts)
+
+
+_LAST_RPDO: Final = RPDO_COMMUNICATION + MEASUREMENT_RPDOS[-1] - 1
+_LAST_PUBLIC_RPDO: Final = MEASUREMENT_RPDOS[0] - 1
+"""Last RPDO with a variable mapping. The mappings of the loop's own PDOs are constant."""
+_DRIVE: Final = RPDO_COMMUNICATION + DRIVE_RPDO - 1
+_COMMON: Final = (
+    Place(SYNC_COB_ID, SYNC_PERIOD, OTHER),
+    Place(GUARD_TIME, LIFE_TIME_FACTOR, LONGER),
+    Place(EMCY_COB_ID, EMCY_COB_ID, OTHER),
+    # A producer heartbeat disables life guarding.
+    Place(HEARTBEAT_PRODUCER, HEARTBEAT_PRODUCER, OTHER),
+    Place(HEARTBEAT_CONSUMER, HEARTBEAT_CONSUMER, ELSEWHERE),
+)
+OF_STIMULATOR: Final = Table(
+    {
+        LIMIT: HIGHER,
+        f"{LIMIT}.Lowest frequency": LOWER,
+        CALIBRATION: OTHER,
+        GAUGE_ZERO: OTHER,
+        NULL: OTHER,
+        MODEL: OTHER,
+        "Drive unwatched": HIGHER,
+    },
+    (
+        *_COMMON,
+        _wiring(RPDO_COMMUNICATION, range(1, MEASUREMENT_RPDOS[-1] + 1)),
+        Place(RPDO_MAPPING, RPDO_MAPPING + _LAST_PUBLIC_RPDO - 1, OTHER),
+        Place(RPDO_COMMUNICATION, _LAST_RPDO, LONGER, (PDO_EVENT,)),
+        _wiring(TPDO_COMMUNICATION, (DRIVE_TPDO,)),
+    ),
+    "while armed or running; disarm first",
+)
+"""Rules of the stimulator while armed or running. They do not cover its public TPDOs."""
+OF_PLATE: Final = Table(
+    {LIMIT: HIGHER},
+    (
+        *_COMMON,
+        _wiring(RPDO_COMMUNICATION, (DRIVE_RPDO,)),
+        # For the drive a deadline of 0 means no time at all.
+        Place(_DRIVE, _DRIVE, HIGHER, (PDO_EVENT,)),
+        _wiring(TPDO_COMMUNICATION, MEASUREMENT_TPDOS),
+    ),
+    "while the stage is in use; disarm, and take the plate out of OPERATIONAL",
+)
+"""Rules of the plate while its power stage is in use."""
+
+
+class Lock:
+    """Refuse writes that relax limits or watchdogs.
+
+    Parameters
+    ----------
+    od
+        Object dictionary of the node.
+    table
+        Rules of the node.
+
+    Attributes
+    ----------
+    rules
+        Every locked entry, with its rule.
+    """
+
+    def __init__(self, od: ObjectDictionary, table: Table) -> None:
+        self._condition = table.condition
+        self.rules: dict[Entry, Rule] = {}
+        for entry in od:
+            by_name = table.by_name
+            rule = by_name.get(entry.name) or by_name.get(entry.name.partition(".")[0])
+            for place in table.by_index:
+                meant = not place.subindices or entry.subindex in place.subindices
+                if place.first <= entry.index <= place.last and meant:
+                    rule = place.rule
+            if rule is not None and entry.writable:
+                self.rules[entry] = rule
+
+    def require(self, entry: Entry, value: Any) -> None:
+        """Raise `Abort` with STATE and the reason if a raw value relaxes the present one."""
+        rule = self.rules.get(entry)
+        if rule is not None and rule.forbids(entry.value, value):
+            raise Abort(
+                AbortCode.STATE,
+                f"{entry.name} {entry.shown(value)} is refused, present value "
+                f"{entry.shown(entry.value)}: {rule.text} is refused {self._condition}",
+            )

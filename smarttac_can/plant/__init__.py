@@ -1,8 +1,0 @@
-"""The simulated plate: resonator, thermal node, finger, friction and sensors."""
-
-from smarttac_can.plant.finger import Lifted, Stroke
-from smarttac_can.plant.parameters import PlateParameters
-from smarttac_can.plant.plate import Plate
-from smarttac_can.plant.subjects import SUBJECTS, Subject
-
-__all__ = ["SUBJECTS", "Lifted", "Plate", "PlateParameters", "Stroke", "Subject"]
