@@ -19,7 +19,7 @@ MODULES = {module.name for module in FOUND if not module.ispkg}
 FACES = sorted({name.rpartition(".")[0] for name in MODULES} - {"smarttac_can", "smarttac_can.cli"})
 PYTHON = ROOT / "docs" / "reference" / "python.md"
 GUIDES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-FOR_USERS = [guide for guide in GUIDES if guide.parent.name not in ("decisions", "dev")]
+FOR_USERS = [guide for guide in GUIDES if guide.parent.name not in ("history", "dev")]
 
 
 @pytest.mark.parametrize("package", FACES)

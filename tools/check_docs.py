@@ -23,7 +23,7 @@ MEAN_WORDS: Final = 18
 LONG_WORDS: Final = 30
 LONG_SHARE: Final = 0.03
 MOST_WORDS: Final = 1200
-_NOT_FOR_USERS: Final = {"decisions", "reference", "dev"}
+_NOT_FOR_USERS: Final = {"reference", "dev"}
 _ITEM: Final = r"[ \t]*(?:[*-]|\d+\.) "
 _BLOCKS: Final = re.compile(rf"\n\s*\n|\n(?={_ITEM})")
 _NO_PROSE: Final = ("|", "#", ":::", "<", "![")
