@@ -6,6 +6,7 @@ import errno
 import os
 import re
 import runpy
+import shutil
 import signal
 import subprocess
 import sys
@@ -63,6 +64,18 @@ sys.exit(42)
     assert done.stdout == "".join(f"{number}\n" for number in range(10_000)).encode()
     assert done.returncode == 42
     assert (folder / "made").read_bytes() == odd
+
+
+@pytest.mark.parametrize(
+    "command",
+    [("ip", "-br", "link"), ("timeout", "--foreground", "5", "true"), ("env", "--version")],
+)
+def test_the_programs_of_the_host_are_run(command: tuple[str, ...], tmp_path: Path) -> None:
+    """Not those of busybox, which have the same names and fewer options."""
+    if not shutil.which(command[0]):
+        pytest.skip(f"this host has no {command[0]}")
+    done = with_vcan("--", *command, folder=tmp_path)
+    assert (done.returncode, done.stderr) == (0, b"")
 
 
 APT_WITHOUT_NET = """#!/bin/sh
