@@ -169,7 +169,7 @@ def test_a_signal_leaves_nothing_half_written(tmp_path: Path) -> None:
 
 
 def test_no_import_that_swallows_an_interrupt_is_left_for_a_run() -> None:
-    look = "import smarttac_can.cli.trials, sys; print('numpy.random' in sys.modules)"
+    look = "import smarttac_can.cli.evidence, sys; print('numpy.random' in sys.modules)"
     said = subprocess.run([sys.executable, "-c", look], stdout=subprocess.PIPE, check=True).stdout
     assert said == b"True\n"
 
@@ -259,7 +259,7 @@ def test_the_seed_draws_the_grid_as_well(
         grids.append((seed, fine))
         return [parse_cell(SOUND)]
 
-    monkeypatch.setattr("smarttac_can.cli.trials.grid_cells", grid)
+    monkeypatch.setattr("smarttac_can.cli.evidence.grid_cells", grid)
     assert "1 cells, 0 violations" in succeed("fmeda", "--jobs", "1", "--seed", "7", *more)
     assert grids == [asked]
 
