@@ -1,15 +1,17 @@
-"""The command ``smarttac`` in this process."""
+"""The commands ``smarttac`` and ``python -m smarttac_can.assurance`` in this process."""
 
 from pathlib import Path
 
 from click.testing import CliRunner, Result
 
 from smarttac_can.cli import main
+from smarttac_can.cli.evidence import main as evidence
 
 
 def run(*arguments: str | Path) -> Result:
     """Return how it ends; one that ends in a traceback raises what it says."""
-    result = CliRunner().invoke(main, [str(argument) for argument in arguments])
+    group = evidence if arguments and arguments[0] in evidence.commands else main
+    result = CliRunner().invoke(group, [str(argument) for argument in arguments])
     assert isinstance(result.exception, SystemExit | None), result.exception
     return result
 

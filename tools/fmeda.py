@@ -3,10 +3,10 @@
     python tools/fmeda.py [--fine] [--random N] [--healthy N] [--seed SEED]
     python tools/fmeda.py --check
 
-What is run: the coarse sweep of `smarttac fmeda`, a minute of processor time, runs without a
-failure, and what is asked for besides; then the coarse sweep on plates that soften and were
-identified. Then tools/reference.py makes the pages. A check runs the coarse sweep alone: it has to
-keep the promise, and to come to what the file says.
+What is run: the coarse sweep of `python -m smarttac_can.assurance sensors`, a minute of processor
+time, runs without a failure, and what is asked for besides; then the coarse sweep on plates that
+soften and were identified. Then tools/reference.py makes the pages. A check runs the coarse sweep
+alone: it has to keep the promise, and to come to what the file says.
 
 Example: python tools/fmeda.py --fine --healthy 5000 --seed 7
 """
@@ -47,7 +47,8 @@ from smarttac_can.vocabulary.states import VibrationLaw
 
 SUMMARY = Path(__file__).resolve().parent / "fmeda.json"
 COARSE_SEED = 1
-"""Default seed of `smarttac fmeda`."""
+"""Default seed of `python -m smarttac_can.assurance sensors`."""
+SENSORS = "python -m smarttac_can.assurance sensors"
 JOBS = os.cpu_count() or 1
 SOFTENINGS = (60.0, 150.0)
 """Of the plates in Hz/um."""
@@ -217,7 +218,7 @@ def swept(name: str, seed: int, cells: Sequence[Cell]) -> tuple[dict[str, Any], 
         results = list(in_order(run_cell, cells, JOBS, progress))
     for result in results:
         if result.violation:
-            print(f"{result.violation}: smarttac fmeda --cell {result.cell}")
+            print(f"{result.violation}: {SENSORS} --cell {result.cell}")
     return {
         "name": name,
         "seed": seed,
@@ -263,7 +264,7 @@ def healthy_runs(count: int, seed: int) -> dict[str, Any]:
         runs = list(in_order(healthy_run, seeds, JOBS, progress))
     for run in runs:
         if run.false:
-            print(f"false trip by {run.ended_by}: smarttac fmeda --healthy 1 --seed {run.seed}")
+            print(f"false trip by {run.ended_by}: {SENSORS} --healthy 1 --seed {run.seed}")
     found = healthy_as_json(runs)
     return {"seed": seed} | {name: n for name, n in found.items() if name != "faults"}
 

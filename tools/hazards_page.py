@@ -179,7 +179,7 @@ def _hostile_actions() -> int:
     ValueError
         If none does.
     """
-    said = re.search(r"hostile --actions (\d+)", CI.read_text(encoding="utf-8"))
+    said = re.search(r"attack --actions (\d+)", CI.read_text(encoding="utf-8"))
     if said is None:
         raise ValueError(f"{CI} runs no hostile node with --actions")
     return int(said.group(1))

@@ -27,6 +27,7 @@ from smarttac_can.canopen.od import cia
 from smarttac_can.canopen.od.eds import load_eds
 from smarttac_can.canopen.od.object_reference import LEGEND, object_reference, table
 from smarttac_can.cli import main as smarttac
+from smarttac_can.cli.evidence import main as evidence
 from smarttac_can.host.files import read_eds
 from smarttac_can.instrument.nodes.lock import OF_PLATE, OF_STIMULATOR, Place, Table
 from smarttac_can.instrument.nodes.states import (
@@ -52,7 +53,7 @@ FACES: Final = (
     "bench", "vocabulary", "instrument.nodes", "host", "canopen.bus", "canopen.device",
     "canopen.od", "canopen.master", "science.plant", "science.control", "canopen.commissioning",
     "canopen.conformance", "studies.paper", "science.population", "studies.campaign",
-    "assurance.trials", "assurance.timing", "assurance.audit", "instrument.replay", "bench.watch",
+    "assurance.trials", "assurance.timing", "instrument.replay", "bench.watch",
     "bench.panel",
 )  # fmt: skip
 """From what most people import to what fewest do; a name that several have is of the first."""
@@ -157,13 +158,17 @@ def _commands(group: click.Group, prefix: str) -> Iterator[tuple[str, click.Comm
 def command_line() -> Pages:
     """Return the page with the help of every command."""
     head = ("Parameter", "Default", "Meaning")
+    all_commands = [
+        *_commands(smarttac, "smarttac"),
+        *_commands(evidence, str(evidence.name)),
+    ]
     parameters = {
         name: [
             _parameter(click.Context(command), each)
             for each in command.params
             if not getattr(each, "hidden", False)
         ]
-        for name, command in _commands(smarttac, "smarttac")
+        for name, command in all_commands
     }
     counts = Counter(row for rows in parameters.values() for row in rows)
     # Two options of one name are not both listed: a command names its shared options alone.
@@ -174,7 +179,7 @@ def command_line() -> Pages:
         if _option(row).startswith("--") and count >= SHARED_BY and most[_option(row)] == row
     ]
     lines: list[str] = []
-    for name, command in _commands(smarttac, "smarttac"):
+    for name, command in all_commands:
         text = " ".join((command.help or "").split())
         own = [row for row in parameters[name] if row not in shared]
         others = [f"`{_option(row)}`" for row in parameters[name] if row in shared]

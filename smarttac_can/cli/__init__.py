@@ -57,10 +57,6 @@ FAMILIES: Final = {
     "Verify": {
         "jitter": _Command("jitter", "Measure the timing of the loop on this machine and bus."),
         "replay": _Command("recording", "Recompute a log, and compare what was sent."),
-        "faults": _Command("evidence", "Inject every fault in every mode."),
-        "soak": _Command("evidence", "Simulate hours of strokes, faults and restarts."),
-        "hostile": _Command("evidence", "Attack stimulator and plate from a third node."),
-        "fmeda": _Command("evidence", "Inject failures of sensors, and check the bounds."),
     },
 }
 """The commands in the order of the help."""

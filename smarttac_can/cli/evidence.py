@@ -1,19 +1,18 @@
-"""Commands that inject faults on purpose: ``faults``, ``soak``, ``hostile`` and ``fmeda``."""
+"""The command for evidence, ``python -m smarttac_can.assurance``.
+
+Its subcommands break things on purpose: ``faults``, ``sensors``, ``attack`` and ``soak``.
+"""
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import click
-from click.core import ParameterSource
 
-from smarttac_can.assurance.audit import verify_rows
 from smarttac_can.assurance.trials.fault_cases import CASES, WAYS, cases
 from smarttac_can.assurance.trials.fault_matrix import (
     HOLD_CYCLES,
@@ -42,22 +41,16 @@ from smarttac_can.assurance.trials.soak import (
     soak_in_parts,
 )
 from smarttac_can.assurance.trials.workers import in_order
-from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.cli.shared import (
     FiniteRange,
     json_options,
-    naming,
-    plain_errors,
     reporting,
-    result_path,
     seed_option,
 )
-from smarttac_can.host.files import read_bounded, result_file
-from smarttac_can.host.log_file import CandumpWriter, read_candump
+from smarttac_can.host.process_signals import endings_interrupt
 from smarttac_can.host.terminal import progress_bar
 
 _NAMES = sorted({case.name for case in CASES})
-_ROWS_MAX_BYTES: Final = 4 << 20
 
 
 def _fault(_ctx: click.Context, _param: click.Parameter, names: tuple[str, ...]) -> tuple[str, ...]:
@@ -73,12 +66,6 @@ def _quoted(names: Iterable[str], separator: str) -> str:
     return separator.join(map(repr, names))
 
 
-def _log_file(_ctx: click.Context, _param: click.Parameter, path: Path | None) -> Path | None:
-    if path == Path("-"):
-        raise click.BadParameter("'-' is no file: stdout is for the rows")
-    return path
-
-
 _jobs_option = click.option(
     "--jobs",
     type=click.IntRange(min=1),
@@ -86,19 +73,25 @@ _jobs_option = click.option(
 )
 
 
-@click.command(
-    epilog="\b\nExamples:\n  smarttac faults --json faults.json --log faults.log\n"
-    '  smarttac faults --fault "S3 stuck" --mode friction\n'
-    "  smarttac faults --verify faults.log faults.json"
+_SELF: Final = "python -m smarttac_can.assurance"
+
+
+@click.group(
+    name=_SELF,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog=f"Example: {_SELF} soak --hours 0.1",
+)
+@click.pass_context
+def main(context: click.Context) -> None:
+    """Evidence that the instrument fails safe: faults, sensors, attacks and hours of use."""
+    context.with_resource(endings_interrupt())
+
+
+@main.command(
+    epilog=f"\b\nExamples:\n  {_SELF} faults --json faults.json\n"
+    f'  {_SELF} faults --fault "S3 stuck" --mode friction'
 )
 @json_options()
-@click.option(
-    "--log",
-    "log_file",
-    type=result_path,
-    callback=_log_file,
-    help="File for the frames around each fault, as candump -L has them.",
-)
 @click.option(
     "--fault",
     "faults_",
@@ -126,25 +119,14 @@ _jobs_option = click.option(
     "--channel",
     help="SocketCAN interface that carries the frames, such as vcan0; then there is one process.",
 )
-@click.option(
-    "--verify",
-    nargs=2,
-    type=click.Path(path_type=Path),
-    metavar="LOG ROWS",
-    help="Inject nothing: recompute the rows of a --json file from its --log, and compare.",
-)
-@click.pass_context
 def faults(
-    context: click.Context,
     *,
     json_file: Path | None,
-    log_file: Path | None,
     faults_: tuple[str, ...],
     modes: tuple[str, ...],
     hold: int,
     jobs: int | None,
     channel: str | None,
-    verify: tuple[Path, Path] | None,
 ) -> None:
     """Inject every fault in every mode that drives, and show how soon the plate is at 0 V.
 
@@ -153,10 +135,6 @@ def faults(
     Everything is simulated: stimulator, plate and master, on a bus inside the process unless there
     is a --channel. Nothing else may send there. The rows are the same either way.
     """
-    if verify is not None:
-        _require_alone(context, "verify")
-        _verify(*verify)
-        return
     try:
         chosen = cases(faults_, modes)
     except ValueError as error:
@@ -165,14 +143,11 @@ def faults(
         raise click.UsageError(f"--jobs {jobs}: with --channel there is one process")
     if channel is not None or len(chosen) == 1:
         jobs = 1
-    with reporting(json_file) as write_results, ExitStack() as stack:
-        log = None
-        if log_file is not None:
-            log = CandumpWriter(stack.enter_context(result_file(log_file))).write
+    with reporting(json_file) as write_results:
         rows = []
         with progress_bar("faults") as progress:
             for row in fault_matrix(
-                chosen, hold=hold, log=log, jobs=jobs or os.cpu_count() or 1, channel=channel
+                chosen, hold=hold, jobs=jobs or os.cpu_count() or 1, channel=channel
             ):
                 rows.append(row)
                 progress(len(rows) / len(chosen))
@@ -182,34 +157,7 @@ def faults(
         raise click.ClickException(f"{len(failed)} of {len(rows)} faults did not end as they must")
 
 
-def _require_alone(context: click.Context, name: str) -> None:
-    """Refuse any other option beside one that excludes all others."""
-    for parameter in context.command.params:
-        source = context.get_parameter_source(str(parameter.name))
-        if parameter.name != name and source is ParameterSource.COMMANDLINE:
-            raise click.UsageError(f"{parameter.opts[0]} has no meaning with --{name}")
-
-
-def _verify(log: Path, rows: Path) -> None:
-    """Print how many fields of rows a log confirms; the first wrong one is an error."""
-    with plain_errors(ValueError, RecursionError):
-        with naming(rows, ValueError, RecursionError):
-            stated = _read_rows(rows)
-        found = verify_rows(read_candump(log), stated, stimulator_od(), plate_od())
-    click.echo(
-        f"rows: {found.rows}, fields as the log shows them: {found.fields}, "
-        f"fields it does not show: {found.not_shown}"
-    )
-
-
-def _read_rows(rows: Path) -> Any:
-    try:
-        return json.loads(read_bounded(rows, _ROWS_MAX_BYTES))
-    except json.JSONDecodeError as error:
-        raise ValueError(f"is no --json file ({error}); --verify takes LOG ROWS") from error
-
-
-@click.command(epilog="Example: smarttac soak --hours 0.1 --seed 7 --json soak.json")
+@main.command(epilog=f"Example: {_SELF} soak --hours 0.1 --seed 7 --json soak.json")
 @click.option(
     "--hours",
     type=FiniteRange(min=0.0, max=10_000.0, min_open=True),
@@ -284,11 +232,11 @@ def _margins(margins: Table) -> Iterator[str]:
         yield f"{first:<20}" + "".join(f"{cell:>21}" for cell in cells)
 
 
-@click.command(epilog="Example: smarttac hostile --actions 100000 --seed 7 --json hostile.json")
+@main.command(epilog=f"Example: {_SELF} attack --actions 100000 --seed 7 --json attack.json")
 @click.option("--actions", type=click.IntRange(min=1), required=True, help="Frames that are sent.")
 @seed_option("Seed of all that happens.")
 @json_options()
-def hostile(actions: int, seed: int, json_file: Path | None) -> None:
+def attack(actions: int, seed: int, json_file: Path | None) -> None:
     """Attack a driven stimulator and plate from a third node, and check every cycle.
 
     SDO requests, PDOs, SYNC, EMCY, heartbeats, NMT and garbage come at random, while a master arms
@@ -331,11 +279,11 @@ def _cell(_ctx: click.Context, _param: click.Parameter, texts: tuple[str, ...]) 
         raise click.BadParameter(str(error)) from None
 
 
-@click.command(
-    epilog="\b\nExamples:\n  smarttac fmeda --json fmeda.json\n"
-    "  smarttac fmeda --random 5000 --seed 7 --jobs 2\n"
-    "  smarttac fmeda --healthy 1000 --seed 3\n"
-    "  smarttac fmeda --cell failure=d:gain:0.05,mode=AMPLITUDE,detuning=-90"
+@main.command(
+    epilog=f"\b\nExamples:\n  {_SELF} sensors --json sensors.json\n"
+    f"  {_SELF} sensors --random 5000 --seed 7 --jobs 2\n"
+    f"  {_SELF} sensors --healthy 1000 --seed 3\n"
+    f"  {_SELF} sensors --cell failure=d:gain:0.05,mode=AMPLITUDE,detuning=-90"
 )
 @click.option(
     "--coarse/--fine",
@@ -365,9 +313,8 @@ def _cell(_ctx: click.Context, _param: click.Parameter, texts: tuple[str, ...]) 
 )
 @seed_option("Seed of the cells, or of the first healthy run.")
 @_jobs_option
-@click.option("--workers", type=click.IntRange(min=1), hidden=True)
 @json_options()
-def fmeda(
+def sensors(
     *,
     coarse: bool,
     random_: int | None,
@@ -375,7 +322,6 @@ def fmeda(
     cells: list[Cell],
     seed: int,
     jobs: int | None,
-    workers: int | None,
     json_file: Path | None,
 ) -> None:
     """Inject failures of a sensor in many modes and set-points, and check the bounds of the plate.
@@ -385,9 +331,6 @@ def fmeda(
     """
     if sum((random_ is not None, healthy is not None, bool(cells))) > 1:
         raise click.UsageError("--random, --healthy and --cell exclude each other")
-    if workers is not None:
-        click.echo("--workers is deprecated: use --jobs", err=True)
-        jobs = jobs or workers
     with reporting(json_file) as write_results:
         with progress_bar("cells") as progress:
             if healthy is not None:
@@ -431,7 +374,7 @@ def _sweep_lines(results: list[Result]) -> list[str]:
     for result in worst[:_WORST] if len(results) > 1 else []:
         lines.append(
             f"{result.peak_um:.2f} um, {result.energy_J:.2f} J, {_ended(result)}: "
-            f"{result.violation}\n    smarttac fmeda --cell {result.cell}"
+            f"{result.violation}\n    {_SELF} sensors --cell {result.cell}"
         )
     if len(worst) > _WORST:
         lines.append(f"and {len(worst) - _WORST} more: --json has them all")

@@ -15,14 +15,14 @@ from nodes_on_a_bus import GUARD_S, until
 from smarttac_can.assurance.trials.fault_matrix import FaultRow
 from smarttac_can.assurance.trials.sensor_sweep import Cell, parse_cell
 from smarttac_can.assurance.trials.soak import ProcessSize
-from smarttac_can.host.log_file import read_candump
 
+PROGRAM = (sys.executable, "-m", "smarttac_can.assurance")
 ONE = ("faults", "--fault", "measurements lost", "--mode", "friction", "--hold", "20")
 
 
-def test_a_fault_has_a_line_a_row_and_a_log(tmp_path: Path) -> None:
-    table, log = tmp_path / "faults.json", tmp_path / "faults.log"
-    (line,) = succeed(*ONE, "--json", table, "--log", log).splitlines()
+def test_a_fault_has_a_line_and_a_row(tmp_path: Path) -> None:
+    table = tmp_path / "faults.json"
+    (line,) = succeed(*ONE, "--json", table).splitlines()
     assert line.startswith("ok     measurements lost")
     assert "friction" in line and "0 V after" in line
     (row,) = json.loads(table.read_text())
@@ -39,78 +39,17 @@ def test_a_fault_has_a_line_a_row_and_a_log(tmp_path: Path) -> None:
     } <= set(row)
     assert row["voltage_before_v"] > 0
     assert row["cycles_to_zero"] <= row["detection_bound_cycles"] + 1
-    times = [time for time, _ in read_candump(log)]
-    assert times == sorted(times)
-    assert times[0] < row["injected_at_s"] * 1e6 <= times[-1]
-    assert refusal("faults", "--verify", log, table) == (
-        "row 1 (measurements lost, friction): was held for 20 cycles, of which the log shows "
-        "nothing: only one made with --hold 200 or more can be verified"
-    )
 
 
-@pytest.fixture(scope="module")
-def kept(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """Log and rows of one fault."""
-    folder = tmp_path_factory.mktemp("faults")
-    log, rows = folder / "faults.log", folder / "faults.json"
-    succeed(*ONE[:-1], "200", "--json", rows, "--log", log)
-    return log, rows
-
-
-def test_log_confirms_its_rows(kept: tuple[Path, Path]) -> None:
-    assert succeed("faults", "--verify", *kept) == (
-        "rows: 1, fields as the log shows them: 7, fields it does not show: 0\n"
-    )
-
-
-def test_a_falsified_row_or_log_is_one_line(kept: tuple[Path, Path], tmp_path: Path) -> None:
-    log, rows = kept
-    falsified = tmp_path / "falsified"
-    text = rows.read_text()
-    assert '"held": true' in text
-    falsified.write_text(text.replace('"held": true', '"held": false'))
-    assert refusal("faults", "--verify", log, falsified) == (
-        "row 1 (measurements lost, friction): held is false in the row, true in the log"
-    )
-    falsified.write_text(log.read_text()[:-5])
-    assert "is cut: no line of a candump log" in refusal("faults", "--verify", falsified, rows)
-
-
-def test_log_and_rows_exchanged_are_told_apart(kept: tuple[Path, Path]) -> None:
-    log, rows = kept
-    line = refusal("faults", "--verify", rows, log)
-    assert line.startswith(f"{log}: is no --json file (")
-    assert line.endswith("); --verify takes LOG ROWS")
-
-
-@pytest.mark.parametrize(
-    ("rows", "complaint"),
-    [
-        ("", "Expecting value"),
-        ("[" * 100_000, "recursion"),
-    ],
-)
-def test_rows_that_are_none_are_one_line(
-    rows: str, complaint: str, kept: tuple[Path, Path], tmp_path: Path
-) -> None:
-    path = tmp_path / "rows"
-    path.write_text(rows)
-    assert complaint in refusal("faults", "--verify", kept[0], path)
-
-
-def test_two_processes_give_the_same_rows_and_the_same_log(tmp_path: Path) -> None:
+def test_two_processes_give_the_same_rows(tmp_path: Path) -> None:
     chosen = ("--fault", "measurements corrupt", "--fault", "NMT stop", "--mode", "amplitude")
     for jobs in ("1", "2"):
-        files = ("--json", str(tmp_path / f"{jobs}.json"), "--log", str(tmp_path / f"{jobs}.log"))
-        command = [sys.executable, "-m", "smarttac_can", "faults", *chosen, *files]
+        command = [*PROGRAM, "faults", *chosen, "--json", str(tmp_path / f"{jobs}.json")]
         command += ["--hold", "20", "--jobs", jobs]
         # A process of its own: that of multiprocessing which tracks resources outlives the pool.
         subprocess.run(command, check=True, capture_output=True)
     assert (tmp_path / "1.json").read_bytes() == (tmp_path / "2.json").read_bytes()
-    assert (tmp_path / "1.log").read_bytes() == (tmp_path / "2.log").read_bytes()
     assert len(json.loads((tmp_path / "1.json").read_text())) == 2
-    times = [time for time, _ in read_candump(tmp_path / "1.log")]
-    assert times == sorted(times)
 
 
 @pytest.mark.parametrize(
@@ -118,7 +57,6 @@ def test_two_processes_give_the_same_rows_and_the_same_log(tmp_path: Path) -> No
     [
         (("faults", "--fault", "rust"), "there is no fault 'rust': 'NMT pre-operational', '"),
         (("faults", "--fault", "s3 stuck"), "no fault 's3 stuck': perhaps 'S3 stuck' or '"),
-        (("faults", "--json", "-", "--log", "-"), "'--log': '-' is no file"),
         (
             ("faults", "--fault", "resonance out of reach", "--mode", "open_loop"),
             "fault 'resonance out of reach' is not injected in mode open_loop",
@@ -127,15 +65,11 @@ def test_two_processes_give_the_same_rows_and_the_same_log(tmp_path: Path) -> No
             ("faults", "--jobs", "2", "--channel", "vcan0"),
             "--jobs 2: with --channel there is one process",
         ),
-        (
-            ("faults", "--verify", "log", "rows", "--hold", "5"),
-            "--hold has no meaning with --verify",
-        ),
         (("soak", "--hours", "nan"), "nan is not a finite number"),
         (("soak", "--hours", "1e308"), "is not in the range 0.0<x<=10000.0"),
-        (("fmeda", "--cell", "failure=d:gone:1"), "gone"),
-        (("fmeda", "--cell", "mode=SIDEWAYS"), "SIDEWAYS"),
-        (("fmeda", "--random", "3", "--healthy", "3"), "--healthy"),
+        (("sensors", "--cell", "failure=d:gone:1"), "gone"),
+        (("sensors", "--cell", "mode=SIDEWAYS"), "SIDEWAYS"),
+        (("sensors", "--random", "3", "--healthy", "3"), "--healthy"),
     ],
 )
 def test_wrong_options_are_refused(arguments: tuple[str, ...], complaint: str) -> None:
@@ -143,18 +77,17 @@ def test_wrong_options_are_refused(arguments: tuple[str, ...], complaint: str) -
 
 
 def test_old_files_stay_when_a_run_fails(tmp_path: Path) -> None:
-    table, log = tmp_path / "faults.json", tmp_path / "faults.log"
+    table = tmp_path / "faults.json"
     table.write_text("old")
-    files = ("--json", table, "--log", log, "--force")
-    assert "cannot open the socketcan bus" in refusal(*ONE, "--channel", "vcan9", *files)
+    file = ("--json", table, "--force")
+    assert "cannot open the socketcan bus" in refusal(*ONE, "--channel", "vcan9", *file)
     assert table.read_text() == "old"
     assert list(tmp_path.iterdir()) == [table]
 
 
 def test_a_signal_leaves_nothing_half_written(tmp_path: Path) -> None:
-    command = ("faults", "--jobs", "1", "--log", "faults.log", "--json", "results.json")
     with subprocess.Popen(
-        [sys.executable, "-m", "smarttac_can", *command],
+        [*PROGRAM, "faults", "--jobs", "1", "--json", "results.json"],
         cwd=tmp_path,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -225,7 +158,7 @@ def test_soak_with_a_violation_is_an_error(monkeypatch: pytest.MonkeyPatch) -> N
     assert "1 violated invariants" in result.stderr
 
 
-# Cells and healthy runs of ``fmeda``.
+# Cells and healthy runs of ``sensors``.
 
 
 SOUND = "failure=d:gain:1,mode=AMPLITUDE,identified=sound,cycles=50"
@@ -233,20 +166,13 @@ SOUND = "failure=d:gain:1,mode=AMPLITUDE,identified=sound,cycles=50"
 
 def test_processes_come_to_the_same_as_one(tmp_path: Path) -> None:
     file = tmp_path / "shared"
-    command = (sys.executable, "-m", "smarttac_can", "fmeda", "--random", "4", "--seed", "4")
+    command = (*PROGRAM, "sensors", "--random", "4", "--seed", "4")
     # In a process of its own: the tracker of shared resources outlives the pool in this one.
     subprocess.run((*command, "--jobs", "2", "--json", str(file)), check=False, timeout=GUARD_S)
-    alone = succeed("fmeda", "--jobs", "1", "--random", "4", "--seed", "4", "--json", "-")
+    alone = succeed("sensors", "--jobs", "1", "--random", "4", "--seed", "4", "--json", "-")
     whole = json.loads(file.read_text())
     assert whole == json.loads(alone)
     assert whole["cells"] == len(whole["results"]) == 4
-
-
-def test_the_old_name_of_jobs_is_taken_and_deprecated() -> None:
-    result = run("fmeda", "--cell", SOUND, "--workers", "1")
-    assert result.exit_code == 0
-    assert result.stderr.startswith("--workers is deprecated: use --jobs\n")
-    assert "--workers" not in succeed("fmeda", "--help")
 
 
 @pytest.mark.parametrize(("more", "asked"), [((), (7, False)), (("--fine",), (7, True))])
@@ -260,14 +186,14 @@ def test_the_seed_draws_the_grid_as_well(
         return [parse_cell(SOUND)]
 
     monkeypatch.setattr("smarttac_can.cli.evidence.grid_cells", grid)
-    assert "1 cells, 0 violations" in succeed("fmeda", "--jobs", "1", "--seed", "7", *more)
+    assert "1 cells, 0 violations" in succeed("sensors", "--jobs", "1", "--seed", "7", *more)
     assert grids == [asked]
 
 
 def test_a_false_trip_before_the_failure_is_a_violation() -> None:
     # A limit of the force that the finger passes before the sensor fails.
     result = run(
-        "fmeda",
+        "sensors",
         "--jobs",
         "1",
         "--cell",
@@ -279,7 +205,7 @@ def test_a_false_trip_before_the_failure_is_a_violation() -> None:
 
 
 def test_healthy_runs_are_counted() -> None:
-    said = run("fmeda", "--jobs", "1", "--healthy", "2", "--seed", "1", "--json", "-").stdout
+    said = run("sensors", "--jobs", "1", "--healthy", "2", "--seed", "1", "--json", "-").stdout
     whole = json.loads(said[: said.rindex("}") + 1])
     assert whole["runs"] == 2
     assert whole["cycles"] > 500

@@ -8,6 +8,7 @@ from commands import refusal, run, succeed
 from commands_of import commands_of
 
 from smarttac_can.cli import main
+from smarttac_can.cli.evidence import main as evidence
 from smarttac_can.cli.shared import result_folder
 
 EDS = Path(__file__).parents[2] / "eds" / "plate.eds"
@@ -30,10 +31,9 @@ FILES: dict[str, tuple[str | Path, ...]] = {
     "reproduce --animate": ("reproduce", "fig3", "--animate"),
     "campaign --json": ("campaign", "--fingers", "1000000", "--json"),
     "faults --json": ("faults", "--json"),
-    "faults --log": ("faults", "--log"),
     "soak --json": ("soak", "--hours", "1000", "--json"),
-    "fmeda --json": ("fmeda", "--jobs", "1", "--random", "1000000", "--json"),
-    "hostile --json": ("hostile", "--actions", "1000000", "--json"),
+    "sensors --json": ("sensors", "--jobs", "1", "--random", "1000000", "--json"),
+    "attack --json": ("attack", "--actions", "1000000", "--json"),
     "scan --json": ("scan", *CHANNEL, "--timeout", "0.01", "--json"),
     "conform --json": ("conform", *CHANNEL, "--eds", "plate", "--node-id", "5", "--json"),
     "conform --report": ("conform", *CHANNEL, "--eds", "plate", "--node-id", "5", "--report"),
@@ -77,16 +77,17 @@ def test_a_file_whose_folder_is_not_there_is_refused_before_the_run(
 
 
 def test_each_command_with_a_file_for_results_has_force_and_a_case_here() -> None:
+    commands = [command for group in (main, evidence) for _, command in commands_of(group)]
     options = {
         f"{command.name} {parameter.opts[0]}"
-        for _, command in commands_of(main)
+        for command in commands
         for parameter in command.params
         if parameter.opts[0]
         in ("--json", "--output", "--report", "--log", "--certificate", "--animate")
     }
     with_force = {
         command.name
-        for _, command in commands_of(main)
+        for command in commands
         if any(parameter.opts[0] == "--force" for parameter in command.params)
     }
     assert {name.partition(" ")[0] for name in options} <= with_force

@@ -147,6 +147,6 @@ def test_a_broken_promise_fails_and_is_written(
     code, said = run(tool, "--healthy", "1")
     assert code == 1
     assert "cycles above 1.01 um without contact, 5.00 um with it; 2 are promised" in said
-    assert f"smarttac fmeda --cell {CELLS[0]}" in said
+    assert f"{tool.SENSORS} --cell {CELLS[0]}" in said
     assert json.loads(tool.SUMMARY.read_text())["sweeps"][0]["violations"] == 2
     assert run(tool, "--check")[0] == 1

@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from fault_log import verify_rows
 
-from smarttac_can.assurance.audit import verify_rows
 from smarttac_can.assurance.trials.fault_cases import (
     ALL_NOT_SEEN,
     ALL_TOLERATED,

@@ -41,7 +41,7 @@ def busy(pid: int) -> bool:
 def sharing(*work: str) -> Iterator[subprocess.Popen[str]]:
     """Run a command that two processes share, in a group of its own; in the end none is left."""
     # A shell starts what runs in the background deaf to Ctrl-C, and so it would these tests.
-    command = ["env", "--default-signal=INT", sys.executable, "-m", "smarttac_can"]
+    command = ["env", "--default-signal=INT", sys.executable, "-m", "smarttac_can.assurance"]
     command += [*work, "--jobs", "2"]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True

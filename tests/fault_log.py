@@ -1,12 +1,18 @@
 """Rows of the fault matrix, recomputed from the log of its frames and compared.
 
-Only the name, the mode, and the time of the fault are taken from a row without a check.
+    python tests/fault_log.py LOG ROWS
+
+LOG and ROWS are what `tools/faults.py --log LOG --json ROWS` has written. Only the name, the mode,
+and the time of the fault are taken from a row without a check. Nothing is imported of what has made
+them: nodes, bench and trials.
 """
 
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from smarttac_can.canopen.device.frame import Frame
@@ -27,11 +33,15 @@ from smarttac_can.canopen.od.cia import (
     NMTCommand,
 )
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
+from smarttac_can.canopen.od.eds import load_eds
 from smarttac_can.canopen.od.timing import frame_bits
+from smarttac_can.host.files import read_eds
+from smarttac_can.host.log_file import read_candump
 from smarttac_can.vocabulary.faults import FaultCode
 from smarttac_can.vocabulary.signals import TICK_US
 from smarttac_can.vocabulary.states import Mode, State, Status, known_state
 
+NODES: Final = {"stimulator": 32, "plate": 33}
 NOT_SHOWN: Final = {
     "cycles_to_zero": (
         # In turn: no frame of the plate passes; SYNC counts no cycles; the plate does nothing.
@@ -497,3 +507,19 @@ def parts(frames: Iterable[Stamped]) -> Iterator[list[Stamped]]:
         before = time
     if part:
         yield part
+
+
+def main(log: str, rows: str) -> str:
+    """Return how much of the rows in a file a log confirms."""
+    with Path(rows).open("rb") as file:
+        stated = json.load(file)
+    nodes = [load_eds(read_eds(f"{name}.eds"), node_id) for name, node_id in NODES.items()]
+    found = verify_rows(read_candump(Path(log)), stated, *nodes)
+    return (
+        f"rows: {found.rows}, fields as the log shows them: {found.fields}, "
+        f"fields it does not show: {found.not_shown}"
+    )
+
+
+if __name__ == "__main__":
+    print(main(*sys.argv[1:]))

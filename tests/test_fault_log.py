@@ -1,16 +1,18 @@
 """A log confirms the rows that were made with it, and contradicts any other row or log."""
 
 import copy
+import json
+from pathlib import Path
 from typing import Any
 
 import pytest
+from fault_log import NOT_SHOWN, DifferenceError, main, verify_rows
 
-from smarttac_can.assurance.audit import DifferenceError, verify_rows
-from smarttac_can.assurance.audit.fault_rows import NOT_SHOWN
 from smarttac_can.assurance.trials.fault_cases import CASES, cases
 from smarttac_can.assurance.trials.fault_matrix import fault_matrix, rows_as_json
 from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.canopen.device.frame import Frame
+from smarttac_can.host.log_file import CandumpWriter
 from smarttac_can.vocabulary.states import Mode
 
 Log = list[tuple[int, Frame]]
@@ -231,3 +233,17 @@ def test_what_is_not_shown_names_faults_and_fields_that_exist(rows: Rows) -> Non
     assert set(NOT_SHOWN) <= set(rows[0])
     named = {name for names in NOT_SHOWN.values() for name in names}
     assert named <= {case.name for case in CASES}
+
+
+def test_the_files_of_the_tool_are_verified(log: Log, rows: Rows, tmp_path: Path) -> None:
+    files = str(tmp_path / "faults.log"), str(tmp_path / "faults.json")
+    with Path(files[0]).open("w", encoding="utf-8") as file:
+        writer = CandumpWriter(file)
+        for time, frame in log:
+            writer.write(time, frame)
+    Path(files[1]).write_text(json.dumps(rows), encoding="utf-8")
+    fields = verified(log, rows)[1:]
+    assert main(*files) == (
+        f"rows: 5, fields as the log shows them: {fields[0]}, fields it does not show: {fields[1]}"
+    )
+    assert fields[0] > 5 * fields[1] > 0
