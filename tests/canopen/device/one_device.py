@@ -31,7 +31,7 @@ def started(application: Application | None = None, *, operational: bool = True)
 def fewer_bytes(monkeypatch: pytest.MonkeyPatch) -> int:
     """Let an entry have fewer bytes than the 1 MiB that take long; return how many at most."""
     assert MAX_BYTES == 1 << 20
-    for module in ("od.entry", "device.sdo"):
+    for module in ("canopen.od.entry", "canopen.device.sdo"):
         monkeypatch.setattr(f"smarttac_can.{module}.MAX_BYTES", 3000)
     return 3000
 
