@@ -170,12 +170,13 @@ class NamedObjects:
 
     def _set_all(self, values: Mapping[str, Given]) -> None:
         raws = {name: raw_value(find_number(self._od, name), v) for name, v in values.items()}
+        last = [*raws][-1:]  # nothing follows it, so that its old value is never needed
         before: dict[str, int] = {}
         try:
             for name, raw in raws.items():
-                held = self._link.read(name)
+                old = {} if name in last else {name: self._link.read(name)}
                 self._write(name, raw, values[name])
-                before[name] = held
+                before |= old
         except RefusedError:
             for name, held in before.items():
                 self._write(name, held)

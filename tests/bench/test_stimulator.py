@@ -61,6 +61,26 @@ def test_set_points(bench: Stimulator) -> None:
         assert bench.get(entry) == held, (name, given)
 
 
+def test_the_cof_of_both_sides_takes_one_read_and_two_writes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    transfers: list[tuple[str, str]] = []
+    with Stimulator.simulate("bus") as bench:
+        link = type(bench._link)
+        for name in ("read", "write"):
+            transfer = getattr(link, name)
+
+            def told(self, entry, *raw, name=name, transfer=transfer):  # type: ignore[no-untyped-def]
+                transfers.append((name, entry))
+                return transfer(self, entry, *raw)
+
+            monkeypatch.setattr(link, name, told)
+        bench.cof = 0.36
+    left, right = "Setpoint.COF left", "Setpoint.COF right"
+    assert transfers[:3] == [("read", left), ("write", left), ("write", right)]
+    assert not [name for _, name in transfers[3:] if name in (left, right)]
+
+
 def test_an_object_takes_a_text_with_a_unit_or_the_displayed_number() -> None:
     micro = [f"0.5 {sign}" for sign in ("um", "\N{MICRO SIGN}m", GREEK_UM)]
     with Stimulator.simulate("local") as bench:
