@@ -10,10 +10,11 @@ from contextlib import ExitStack, contextmanager, suppress
 from datetime import UTC, datetime
 from functools import partial
 from importlib.util import find_spec
-from ipaddress import ip_address
+from ipaddress import IPv6Address, ip_address
 from math import isfinite
 from pathlib import Path
 from secrets import token_urlsafe
+from socket import AI_PASSIVE, SOCK_STREAM, getaddrinfo
 from typing import Any, Final, NamedTuple
 
 import canopen
@@ -390,9 +391,7 @@ def panel(*, at: StimulatorChoice, drive: bool, host: str, port: int) -> None:
     from smarttac_can.bench.panel.instrument import BusInstrument, SimulatedBench  # noqa: PLC0415
     from smarttac_can.bench.panel.server import Panel, serve  # noqa: PLC0415 - aiohttp is an extra
 
-    with suppress(ValueError):
-        if ip_address(host).is_unspecified:
-            raise click.BadParameter(f"--host {host} is every address: name one")
+    _require_one_address(host)
     token = token_urlsafe(16)
 
     def listening(port: int) -> None:
@@ -411,6 +410,19 @@ def panel(*, at: StimulatorChoice, drive: bool, host: str, port: int) -> None:
         with suppress(KeyboardInterrupt):
             asyncio.run(serve(Panel(instrument, token, host), host, port, listening))
             raise click.ClickException("the panel has failed, and leaves the plate at 0 V")
+
+
+def _require_one_address(host: str) -> None:
+    """Refuse a host that the system takes for all addresses of this computer, in any spelling."""
+    try:
+        found = getaddrinfo(host or None, 0, type=SOCK_STREAM, flags=AI_PASSIVE)
+    except (OSError, UnicodeError):
+        return  # the server says that it cannot listen there
+    for *_, (address, *_) in found:
+        ip = ip_address(str(address).partition("%")[0])
+        mapped = ip.ipv4_mapped if isinstance(ip, IPv6Address) else None
+        if (mapped or ip).is_unspecified:
+            raise click.BadParameter(f"--host {host or repr(host)} is every address: name one")
 
 
 @click.command(

@@ -35,11 +35,11 @@ let finger = null, sentFinger = "";      // {x, force} while the mouse is on the
 
 const send = message => socket.readyState === 1 && socket.send(JSON.stringify(message));
 const line = text => send({do: "line", text});
-const drive = () => token && send({do: "drive", token});
+const drive = () => token && send({do: "drive"});
 const shown = (value, digits = 3) => value === undefined ? "-" : value.toFixed(digits);
 
 function connect() {
-  socket = new WebSocket(`ws://${location.host}/live`);
+  socket = new WebSocket(`ws://${location.host}/live?token=${encodeURIComponent(token)}`);
   answeredAt = performance.now();
   socket.onmessage = event => {
     const message = JSON.parse(event.data);

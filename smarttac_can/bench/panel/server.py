@@ -10,7 +10,9 @@ Who may do what:
   Origin is not, is refused: it comes from a page of somebody else.
 * A page with the token may stop the instrument, and drive it while no other page does.
 * A page that talks nonsense, or more than a person makes it, is closed. If too many are open, the
-  one that came first of those without the token is closed.
+  one that came first of those without the token is closed. A page shows its token as it connects,
+  so that one that has it is never closed for another.
+* A connection without a page is closed after a few seconds, or before that if there are too many.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Iterable, Mapping
 from contextlib import suppress
 from hmac import compare_digest
 from ipaddress import ip_address
@@ -37,6 +39,10 @@ from smarttac_can.vocabulary.states import Law, Mode, VibrationLaw
 
 UPDATE_S: Final = 0.1
 _MOST_PAGES: Final = 8
+_MOST_OTHERS: Final = 32
+"""Most connections without a page: a browser opens up to 6 for its files."""
+_OTHERS_S: Final = 5.0
+"""Longest time in s for which a connection without a page stays open."""
 _MOST_BYTES: Final = 1000
 """Most bytes of a message from a page."""
 _MOST_MESSAGES: Final = 500
@@ -71,9 +77,9 @@ _Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 class _Page:
     """An open page."""
 
-    def __init__(self) -> None:
-        self.trusted = False
-        """Whether it has presented the token."""
+    def __init__(self, *, trusted: bool) -> None:
+        self.trusted = trusted
+        """Whether it has shown the token."""
         self.sent = 0
         self.seen = 0
         self.stops = 0
@@ -111,6 +117,19 @@ class Panel:
             for place, (name, kind) in _FILES.items()
         }
         self._pages: dict[web.WebSocketResponse, _Page] = {}
+        self._connected: set[web.RequestHandler] = set()
+        """Connections of the pages."""
+        self._others: dict[web.RequestHandler, float] = {}
+        """Other connections, the oldest first, and the time in s at which each was first seen."""
+
+    def close_others(self, connections: Iterable[web.RequestHandler]) -> None:
+        """Close connections without a page that are too many or too old; oldest first."""
+        now = monotonic()
+        others = [each for each in connections if each not in self._connected]
+        self._others = {each: self._others.get(each, now) for each in others}
+        for after, (each, since) in enumerate(reversed(self._others.items())):
+            if after >= _MOST_OTHERS or now - since > _OTHERS_S:
+                each.force_close()
 
     @property
     def alive(self) -> bool:
@@ -143,6 +162,8 @@ class Panel:
         origin = request.headers.get("Origin", "")
         if origin != f"http://{request.headers['Host']}":
             raise web.HTTPForbidden(text=f"Origin {origin!r} is not this panel's\n")
+        token = request.query.get("token", "").encode(errors="replace")
+        page = _Page(trusted=compare_digest(token, self._token))
         if len(self._pages) >= _MOST_PAGES:
             self._make_room()
         socket = web.WebSocketResponse(
@@ -152,9 +173,13 @@ class Panel:
             timeout=_SHUTDOWN_S,
             autoping=False,  # a flood of pings is a flood
         )
-        page = self._pages[socket] = _Page()
+        self._pages[socket] = page
+        self._connected.add(request.protocol)
         try:
             await socket.prepare(request)
+            if token and not page.trusted:
+                await socket.close(code=1008, message=b"wrong token")
+                return socket
             await socket.send_str(json.dumps(self._introduction()))
             sender = asyncio.create_task(self._send(socket, page))
             try:
@@ -167,6 +192,7 @@ class Panel:
                     await sender
         finally:
             self._pages.pop(socket, None)
+            self._connected.discard(request.protocol)
         return socket
 
     def _make_room(self) -> None:
@@ -207,10 +233,7 @@ class Panel:
                 page.seen = page.sent
                 instrument.lease.renew(page, monotonic())
         elif do == "drive":
-            page.trusted = compare_digest(str(asked["token"]).encode(), self._token)
-            if not page.trusted:
-                raise ValueError("wrong token")
-            if instrument.drives:
+            if page.trusted and instrument.drives:
                 instrument.lease.take(page, monotonic())
         elif do == "release":
             instrument.leave(page)
@@ -332,14 +355,17 @@ async def serve(panel: Panel, host: str, port: int, listening: Callable[[int], N
         await web.TCPSite(runner, host, port).start()
         listening(runner.addresses[0][1])
         while panel.alive:
+            assert runner.server is not None
+            panel.close_others(runner.server.connections)
             await asyncio.sleep(UPDATE_S)
     finally:
         await runner.cleanup()
 
 
 def _is_defect(record: logging.LogRecord) -> bool:
-    """Return whether to log an error: a request that is none is answered, and no more."""
-    return not (record.exc_info and isinstance(record.exc_info[1], HttpProcessingError))
+    """Return whether to log an error: not of a malformed request, nor of a client that left."""
+    error = record.exc_info and record.exc_info[1]
+    return not isinstance(error, HttpProcessingError | ClientConnectionError)
 
 
 def _is_loopback(host: str) -> bool:

@@ -53,7 +53,7 @@ class Page:
         await self.socket.send_str(json.dumps(message))
 
     async def drive(self) -> None:
-        await self.send(do="drive", token=TOKEN)
+        await self.send(do="drive")
         await self.until(lambda: self.now.get("drives"))
 
     async def line(self, text: str) -> None:
@@ -68,6 +68,11 @@ class Page:
         await self.line("mode open_loop")
         await self.until(lambda: self.now["values"].get("Vibration.Voltage") == 40.0)
 
+    async def until_next(self) -> None:
+        """Wait for two more updates, one of which was made after this call."""
+        seen = len(self.numbers)
+        await self.until(lambda: len(self.numbers) > seen + 1)
+
     async def until(self, true: Callable[[], object]) -> None:
         guard = monotonic() + GUARD_S
         while not true():
@@ -79,15 +84,18 @@ class Page:
 class Browser:
     """Opens pages of one panel."""
 
-    def __init__(self, session: ClientSession, port: int) -> None:
+    def __init__(self, session: ClientSession, port: int, token: str = TOKEN) -> None:
         self.session = session
         self.port = port
+        self.token = token
         self.url = f"http://127.0.0.1:{port}"
 
     @asynccontextmanager
-    async def page(self, **headers: str) -> AsyncIterator[Page]:
+    async def page(self, token: str | None = None, **headers: str) -> AsyncIterator[Page]:
+        """Open a page with the token of the panel, or another one."""
+        live = f"{self.url}/live?token={self.token if token is None else token}"
         asked = {"Origin": self.url} | headers
-        async with self.session.ws_connect(f"{self.url}/live", headers=asked) as socket:
+        async with self.session.ws_connect(live, headers=asked) as socket:
             page = Page(socket)
             following = asyncio.create_task(page.follow())
             try:

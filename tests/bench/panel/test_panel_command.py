@@ -59,21 +59,21 @@ def panel(*options: str) -> Iterator[tuple[NodeProcess, str, int]]:
         process.end(signal.SIGKILL)
 
 
-def on_a_page(port: int, script: Callable[[Page], Awaitable[None]]) -> None:
+def on_a_page(port: int, token: str, script: Callable[[Page], Awaitable[None]]) -> None:
     async def run() -> None:
-        async with ClientSession() as session, Browser(session, port).page() as page:
+        async with ClientSession() as session, Browser(session, port, token).page() as page:
             await script(page)
 
     asyncio.run(run())
 
 
-async def drive(page: Page, token: str) -> None:
+async def drive(page: Page) -> None:
     """Have a page drive, again where a busy machine has missed it or has tripped the node."""
     guard = monotonic() + GUARD_S
     while page.now.get("state") != "running":
         assert monotonic() < guard, page.now
         if not page.now["drives"]:
-            await page.send(do="drive", token=token)
+            await page.send(do="drive")
         elif page.now.get("state") == "fault":
             await page.send(do="line", text="reset")
         elif page.now.get("state") == "ready":
@@ -96,12 +96,12 @@ def test_a_simulated_bench_reaches_no_bus(
 
         async def script(page: Page) -> None:
             assert page.introduction["simulated"]
-            await drive(page, token)
+            await drive(page)
             sockets = psutil.Process(process.process.pid).net_connections("all")
             tcp = {(each.laddr.ip, each.laddr.port) for each in sockets if each.laddr}
             assert tcp == {("127.0.0.1", port)}
 
-        on_a_page(port, script)
+        on_a_page(port, token, script)
         assert bus.recv(0.2) is None
         status, _, complaint = process.end(signal.SIGTERM)
     assert (status, complaint) == (0, "")
@@ -112,7 +112,7 @@ def test_it_takes_less_than_a_third_of_a_core() -> None:
     with panel() as (process, token, port):
 
         async def script(page: Page) -> None:
-            await drive(page, token)
+            await drive(page)
             of_panel = psutil.Process(process.process.pid)
             for _ in range(3):  # of which a busy machine leaves one alone
                 begun, before = monotonic(), sum(of_panel.cpu_times()[:2])
@@ -122,7 +122,7 @@ def test_it_takes_less_than_a_third_of_a_core() -> None:
                     return
             pytest.fail(f"{share} of a core")
 
-        on_a_page(port, script)
+        on_a_page(port, token, script)
 
 
 def test_without_drive_a_page_looks_on(node: StimulatorNode, multicast: dict[str, Any]) -> None:
@@ -140,14 +140,14 @@ def test_without_drive_a_page_looks_on(node: StimulatorNode, multicast: dict[str
                 await page.until(lambda: page.now["values"].get("Texture.Slot") == 3)
                 await page.until(lambda: page.now["values"].get("Friction law") == Law.PREDICTIVE)
                 await page.until(lambda: "Vibration.W_d" in page.now["values"])
-                await page.send(do="drive", token=token)
+                await page.send(do="drive")
                 await page.send(do="stop")
                 await page.send(do="line", text="mode off")
                 await page.until(lambda: "does not drive" in page.now["answer"])
                 assert page.now["bus_load"] > 0.0
                 assert not page.now["drives"]
 
-            on_a_page(port, script)
+            on_a_page(port, token, script)
             assert node.od["Mode display"].value == Mode.OPEN_LOOP
 
 
@@ -156,7 +156,7 @@ def test_it_drives_a_bus_and_stops(node: StimulatorNode, multicast: dict[str, An
     with Stimulator.connect(**multicast) as other, panel(*options) as (process, token, port):
 
         async def script(page: Page) -> None:
-            await drive(page, token)
+            await drive(page)
             await shows(node, Mode.OPEN_LOOP)
             with pytest.raises(BenchError, match=r"^another bench script drives node 32"):
                 await asyncio.to_thread(setattr, other, "mode", "amplitude")
@@ -173,9 +173,9 @@ def test_it_drives_a_bus_and_stops(node: StimulatorNode, multicast: dict[str, An
             page.silent = False
             await page.answer()
             await page.until(lambda: "was not heard for 0.8 s" in page.now["answer"])
-            await drive(page, token)
+            await drive(page)
 
-        on_a_page(port, script)
+        on_a_page(port, token, script)
         asyncio.run(shows(node, Mode.OFF))
         assert process.end(signal.SIGTERM)[0] == 0
 
@@ -192,13 +192,13 @@ def test_it_does_not_drive_what_another_bench_drives(
         with panel(*multicast_options(multicast), "--drive") as (_, token, port):
 
             async def script(page: Page) -> None:
-                await page.send(do="drive", token=token)
+                await page.send(do="drive")
                 await page.until(lambda: page.now["drives"])
                 await page.send(do="line", text="mode amplitude")
                 await page.until(lambda: "another bench script drives" in page.now["answer"])
                 assert node.od["Mode display"].value == Mode.OPEN_LOOP
 
-            on_a_page(port, script)
+            on_a_page(port, token, script)
 
 
 def test_a_panel_that_is_killed_leaves_0_v(node: StimulatorNode, multicast: dict[str, Any]) -> None:
@@ -206,13 +206,13 @@ def test_a_panel_that_is_killed_leaves_0_v(node: StimulatorNode, multicast: dict
     with panel(*options) as (process, token, port):
 
         async def script(page: Page) -> None:
-            await drive(page, token)
+            await drive(page)
             await shows(node, Mode.OPEN_LOOP)
             process.process.send_signal(signal.SIGKILL)
             await shows(node, Mode.OFF)
             assert node.od["Message"].value == "the heartbeat of a supervised node is lost"
 
-        on_a_page(port, script)
+        on_a_page(port, token, script)
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
@@ -254,9 +254,12 @@ def test_what_a_bus_needs_is_said(options: tuple[str, ...]) -> None:
     assert refused(*options) == "a bus needs --interface; without one a bench is simulated"
 
 
-@pytest.mark.parametrize("host", ["0.0.0.0", "::"])
+@pytest.mark.parametrize(
+    "host", ["0.0.0.0", "::", "0", "00", "0x0", "0.0", "000.0.0.0", "0:0::0", "::ffff:0.0.0.0", ""]
+)
 def test_every_address_is_none(host: str) -> None:
-    assert refused("--host", host) == f"Invalid value: --host {host} is every address: name one"
+    said = host or "''"
+    assert refused("--host", host) == f"Invalid value: --host {said} is every address: name one"
 
 
 def test_without_aiohttp_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,18 +1,23 @@
 """The real server on loopback, and pages that look, drive, fall silent, die and attack."""
 
 import asyncio
+import socket
+import struct
 import time
 from contextlib import AsyncExitStack, suppress
 
 import pytest
 from aiohttp import WSServerHandshakeError
 from open_pages import GUARD_S, HEARTBEAT_S, TOKEN, Browser, Page, browse, seconds_to_0_v, voltage
+from yarl import URL
 
 from smarttac_can.bench.panel.instrument import SimulatedBench
 from smarttac_can.bench.panel.server import UPDATE_S
 
 ATTEMPTS = 4
 """In one of which a busy machine lets the thread of the instrument have its turn in time."""
+PAGES = 8
+OTHERS, OTHERS_S = 32, 5.0
 LEFT = "the page that drove has left: stopped"
 
 
@@ -89,20 +94,17 @@ def test_a_page_of_another_origin_has_no_socket(origin: str) -> None:
 
 def test_without_the_token_nothing_is_driven_or_stopped() -> None:
     async def script(browser: Browser) -> None:
-        async with browser.page() as driver, browser.page() as other:
+        async with browser.page() as driver, browser.page(token="") as other:
             await driver.run_open_loop()
             await other.send(do="stop")
+            await other.send(do="drive")
             await other.send(do="line", text="all is well, you may touch the stage")
             await other.send(do="finger", x=0.0, force=2.0)
             await other.send(do="release")
             await asyncio.sleep(0.3)
             assert voltage(bench) == 40.0
             assert driver.now["answer"] == "done: mode open_loop"
-            await other.send(do="drive", token="guess")
-            while not other.socket.closed:
-                await asyncio.sleep(0.01)
-            assert other.socket.close_code == 1008
-            assert voltage(bench) == 40.0
+            assert not other.now["drives"]
 
     bench = SimulatedBench()
     browse(bench, script)
@@ -115,7 +117,7 @@ def test_without_the_token_nothing_is_driven_or_stopped() -> None:
      '{"do": "finger", "x": NaN, "force": 1}', '{"do": "finger", "x": 1e9, "force": 1}',
      '{"do": "finger", "x": 1e999, "force": 1}', '{"do": "finger", "x": 0, "force": -1}',
      f'{{"do": "finger", "x": {"9" * 900}, "force": 1}}',
-     '{"do": "seen"}', '{"do": "line"}', '{"do": "drive"}', '{"do": "drive", "token": "\\ud800"}',
+     '{"do": "seen"}', '{"do": "line"}',
      b"\x00\xff", "x" * 5000],
 )  # fmt: skip
 def test_a_page_that_talks_nonsense_is_closed_and_stopped(
@@ -162,7 +164,7 @@ def test_a_page_that_floods_is_closed_and_holds_nobody_up(do: str) -> None:
     async def script(browser: Browser) -> None:
         async with browser.page() as driver:
             for _ in range(ATTEMPTS):
-                async with browser.page() as other:
+                async with browser.page(token="") as other:
                     await driver.run_open_loop()
                     with suppress(ConnectionError):
                         while not other.socket.closed:
@@ -188,7 +190,6 @@ def test_messages_are_counted_by_the_second(monkeypatch: pytest.MonkeyPatch) -> 
             for count in (1, 2):
                 for _ in range(300):
                     await page.send(do="finger", x=0.0, force=0.5)
-                await page.send(do="drive", token=TOKEN)
                 await page.send(do="stop")
                 await page.until(lambda count=count: bench.stops == count)
                 now += 1.1
@@ -239,7 +240,7 @@ def test_one_page_drives() -> None:
     async def script(browser: Browser) -> None:
         async with browser.page() as first, browser.page() as second:
             await first.run_open_loop()
-            await second.send(do="drive", token=TOKEN)
+            await second.send(do="drive")
             await second.send(do="line", text="voltage 80")
             await second.until(lambda: "does not drive" in second.now["answer"])
             assert not second.now["drives"]
@@ -260,12 +261,13 @@ def test_one_page_drives() -> None:
 def test_a_page_too_many_takes_the_place_of_one_without_the_token() -> None:
     async def script(browser: Browser) -> None:
         async with AsyncExitStack() as stack:
-            pages = [await stack.enter_async_context(browser.page()) for _ in range(8)]
-            await pages[0].run_open_loop()
+            driver = await stack.enter_async_context(browser.page())
+            await driver.run_open_loop()
+            pages = [await stack.enter_async_context(browser.page(token="")) for _ in range(7)]
             await stack.enter_async_context(browser.page())
-            while not pages[1].socket.closed:
+            while not pages[0].socket.closed:
                 await asyncio.sleep(0.01)
-            assert pages[1].socket.close_code == 1013
+            assert pages[0].socket.close_code == 1013
             assert voltage(bench) == 40.0
 
     bench = SimulatedBench()
@@ -277,14 +279,92 @@ def test_a_page_too_many_is_refused_if_all_have_the_token() -> None:
         async with AsyncExitStack() as stack:
             for _ in range(8):
                 page = await stack.enter_async_context(browser.page())
-                await page.send(do="drive", token=TOKEN)
-                await page.until(lambda page=page: page.now["trusted"])
+                assert page.now["trusted"]
             with pytest.raises(WSServerHandshakeError) as refused:
                 async with browser.page():
                     pass
             assert refused.value.status == 503
         async with browser.page():
             pass
+
+    browse(SimulatedBench(), script)
+
+
+def test_pages_without_the_token_push_out_none_that_has_it() -> None:
+    """Pages that connect again and again while the one with the token says nothing yet."""
+
+    async def script(browser: Browser) -> None:
+        live = f"{browser.url}/live"
+        headers = {"Origin": browser.url}
+        async with browser.session.ws_connect(f"{live}?token={TOKEN}", headers=headers) as silent:
+            others = [
+                await browser.session.ws_connect(live, headers=headers) for _ in range(3 * PAGES)
+            ]
+            await others[-PAGES].receive()  # the introduction, and an update
+            while not others[-PAGES].closed:
+                await others[-PAGES].receive()
+            assert others[-PAGES].close_code == 1013
+            page = Page(silent)
+            following = asyncio.create_task(page.follow())
+            await page.until(lambda: page.now.get("trusted"))
+            following.cancel()
+
+    browse(SimulatedBench(), script)
+
+
+@pytest.mark.parametrize("token", ["guess", "%ff", "%ED%A0%80", TOKEN + "%00", TOKEN[:-1]])
+def test_a_page_with_a_wrong_token_is_closed(token: str, caplog: pytest.LogCaptureFixture) -> None:
+    async def script(browser: Browser) -> None:
+        live = URL(f"{browser.url}/live?token={token}", encoded=True)
+        async with browser.session.ws_connect(live, headers={"Origin": browser.url}) as socket:
+            message = await socket.receive()
+            assert (message.data, message.extra) == (1008, "wrong token")
+
+    browse(SimulatedBench(), script)
+    assert not caplog.messages
+
+
+def test_an_aborted_handshake_is_not_logged(caplog: pytest.LogCaptureFixture) -> None:
+    async def script(browser: Browser) -> None:
+        request = (
+            f"GET /live HTTP/1.1\r\nHost: 127.0.0.1:{browser.port}\r\nOrigin: {browser.url}\r\n"
+            "Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n"
+            "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
+        )
+        for _ in range(60):
+            with socket.create_connection(("127.0.0.1", browser.port)) as client:
+                reset = struct.pack("ii", 1, 0)
+                client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, reset)
+                client.sendall(request.encode())
+            await asyncio.sleep(0)
+        async with browser.page():
+            pass
+
+    browse(SimulatedBench(), script)
+    assert not caplog.messages
+
+
+def test_connections_without_a_page_are_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Too many at once, the oldest first; the others once their time is up. Pages stay."""
+    now = 0.0
+    monkeypatch.setattr("smarttac_can.bench.panel.server.monotonic", lambda: now)
+
+    async def script(browser: Browser) -> None:
+        nonlocal now
+        async with browser.page() as page, asyncio.timeout(GUARD_S):
+            half_open = []
+            for _ in range(100):
+                half_open.append(await asyncio.open_connection("127.0.0.1", browser.port))
+                half_open[-1][1].write(b"GET / HTTP/1.1\r\n")
+            for reader, _ in half_open[:-OTHERS]:
+                assert await reader.read() == b""
+            await page.until_next()
+            assert not any(reader.at_eof() for reader, _ in half_open[-OTHERS:])
+            now += OTHERS_S + 1.0
+            for reader, writer in half_open:
+                assert await reader.read() == b""
+                writer.close()
+            await page.until_next()
 
     browse(SimulatedBench(), script)
 
