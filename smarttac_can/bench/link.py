@@ -26,8 +26,8 @@ from smarttac_can.canopen.od.cia import (
     RPDO_MAPPING,
     TPDO_COMMUNICATION,
     TPDO_MAPPING,
-    DataType,
 )
+from smarttac_can.canopen.od.data_types import REAL, STRUCT_CODES
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.vocabulary.states import Mode, State, Status, state_in
@@ -58,15 +58,6 @@ Hear = Callable[[int, bytes], None]
 """Function that receives the identifier and the data of a frame."""
 PUBLIC: Final = range(1, 5)
 """Numbers of the PDOs between a stimulator and its masters; the other ones serve the loop."""
-_FORMATS: Final = {
-    DataType.BOOLEAN: "B",
-    DataType.INTEGER8: "b",
-    DataType.INTEGER16: "h",
-    DataType.INTEGER32: "i",
-    DataType.UNSIGNED8: "B",
-    DataType.UNSIGNED16: "H",
-    DataType.UNSIGNED32: "I",
-}
 _STATUS: Final = sum(Status)
 
 
@@ -235,7 +226,7 @@ class PublishedPdo:
     can_id
         CAN-ID of its frames.
     entries
-        Mapped entries in order, integers of 8, 16 or 32 bits.
+        Mapped entries in order, integers of 8, 16, 32 or 64 bits.
 
     Attributes
     ----------
@@ -249,7 +240,8 @@ class PublishedPdo:
         self.number = number
         self.can_id = can_id
         self.names = [entry.name for entry in entries]
-        self.layout = struct.Struct("<" + "".join(_FORMATS[entry.data_type] for entry in entries))
+        codes = (STRUCT_CODES[entry.data_type] for entry in entries)
+        self.layout = struct.Struct(f"<{''.join(codes)}")
         self._size, self._unpack = self.layout.size, self.layout.unpack
         self.values: tuple[int, ...] = ()
         self.received: float | None = None
@@ -301,7 +293,7 @@ def _pdos(
             continue
         mapped = [read(od.entry(record, position)) for position in range(1, count + 1)]
         entries = [od.get(value >> 16, value >> 8 & 0xFF) for value in mapped]
-        known = [entry for entry in entries if entry is not None and entry.data_type in _FORMATS]
+        known = [e for e in entries if e is not None and e.data_type in STRUCT_CODES.keys() - REAL]
         # A device may answer anything: ignore a PDO that does not fit into a frame.
         if known and len(known) == count and sum(entry.size for entry in known) <= FRAME_BYTES:
             pdos.append(PublishedPdo(number, cob_id & CAN_ID_MASK, known))

@@ -12,10 +12,9 @@ from smarttac_can.canopen.device.service import settable
 from smarttac_can.canopen.od.cia import MOST_MAPPED, Abort, AbortCode, DataType
 from smarttac_can.canopen.od.data_types import (
     REAL,
-    SIGNED,
     SIZES,
+    STRUCT_CODES,
     TIME,
-    UNSIGNED,
     bounds,
     pack,
     unpack,
@@ -23,11 +22,6 @@ from smarttac_can.canopen.od.data_types import (
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import Entry
 
-_CODES: Final[dict[int, str]] = {
-    **dict(zip(SIGNED, "bh0i000q", strict=True)),
-    **dict(zip(UNSIGNED, "BH0I000Q", strict=True)),
-    **dict(zip(REAL, "fd", strict=True)),
-}
 PDO_BITS: Final = 64
 
 
@@ -186,8 +180,8 @@ def compile_mapping(
             entry.data_type not in TIME and (entry.low, entry.high) != bounds(entry.data_type)
         ):
             bounded.append(Bounded(position, entry, entry.low, entry.high))
-        letter = _CODES.get(entry.data_type, "0")
-        if letter == "0":
+        letter = STRUCT_CODES.get(entry.data_type, "")
+        if not letter:
             letter = f"{entry.size}s"
             if entry.data_type not in TIME:
                 odd.append(position)

@@ -35,7 +35,20 @@ TEXT: Final = frozenset({DataType.VISIBLE_STRING, DataType.UNICODE_STRING})
 SIZES: Final[dict[int, int]] = {DataType.BOOLEAN: 1, **SIGNED, **UNSIGNED, **REAL, **TIME}
 """Size in bytes of every type of fixed length; the other types have a variable length."""
 
-_REAL_FORMAT: Final[dict[int, str]] = {DataType.REAL32: "<f", DataType.REAL64: "<d"}
+STRUCT_CODES: Final[dict[int, str]] = {
+    DataType.BOOLEAN: "B",
+    DataType.INTEGER8: "b",
+    DataType.INTEGER16: "h",
+    DataType.INTEGER32: "i",
+    DataType.INTEGER64: "q",
+    DataType.UNSIGNED8: "B",
+    DataType.UNSIGNED16: "H",
+    DataType.UNSIGNED32: "I",
+    DataType.UNSIGNED64: "Q",
+    DataType.REAL32: "f",
+    DataType.REAL64: "d",
+}
+"""Codes of the module struct, for the types that it has; PDOs are packed with them, after ``<``."""
 _REAL_LARGEST: Final[dict[int, float]] = {
     DataType.REAL32: (2 - 2**-23) * 2.0**127,
     DataType.REAL64: sys.float_info.max,
@@ -84,7 +97,7 @@ def pack(data_type: DataType, value: Any) -> bytes:
     if data_type in SIGNED:
         return int(value).to_bytes(SIGNED[data_type], "little", signed=True)
     if data_type in REAL:
-        return struct.pack(_REAL_FORMAT[data_type], value)
+        return struct.pack(f"<{STRUCT_CODES[data_type]}", value)
     if data_type == DataType.VISIBLE_STRING:
         return visible(str(value)).encode("ascii")
     if data_type == DataType.UNICODE_STRING:
@@ -109,7 +122,7 @@ def unpack(data_type: DataType, data: bytes) -> Any:
     if data_type in SIGNED:
         return int.from_bytes(data, "little", signed=True)
     if data_type in REAL:
-        return struct.unpack(_REAL_FORMAT[data_type], data)[0]
+        return struct.unpack(f"<{STRUCT_CODES[data_type]}", data)[0]
     if data_type == DataType.VISIBLE_STRING:
         if data.translate(None, _VISIBLE):
             raise Abort(AbortCode.VALUE)

@@ -20,8 +20,8 @@ from smarttac_can.canopen.od.cia import (
     TPDO_COMMUNICATION,
     TPDO_IDS,
     TPDO_MAPPING,
-    DataType,
 )
+from smarttac_can.canopen.od.data_types import STRUCT_CODES
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.instrument.nodes.loop_time import set_deadline
@@ -29,12 +29,6 @@ from smarttac_can.vocabulary.signals import TICK_US
 
 _POLYNOMIAL: Final = 0x1D
 _START: Final = 0xFF
-_FORMATS: Final = {
-    DataType.UNSIGNED8: "B",
-    DataType.UNSIGNED16: "H",
-    DataType.UNSIGNED32: "I",
-    DataType.INTEGER16: "h",
-}
 
 
 def _table() -> bytes:
@@ -103,7 +97,7 @@ class CheckedFrames:
         *entries, self.check = mapped
         self.entries = tuple(entries)
         # Little-endian, as in a PDO.
-        code = "<" + "".join([_FORMATS[entry.data_type] for entry in entries])
+        code = "<" + "".join([STRUCT_CODES[entry.data_type] for entry in entries])
         self._pack: Callable[..., bytes] = Struct(code).pack
         self.unpack: Callable[[bytes], tuple[int, ...]] = Struct(f"{code}B").unpack
 
