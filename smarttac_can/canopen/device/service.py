@@ -16,6 +16,7 @@ from smarttac_can.canopen.od.cia import (
     Abort,
     AbortCode,
     restricted,
+    standard_type,
 )
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import MAX_BYTES, Entry
@@ -249,7 +250,7 @@ class Access:
         entry = self._od.entry(index, subindex)
         if not entry.readable:
             raise Abort(AbortCode.WRITE_ONLY)
-        for owner in self._owners.get(index, ()):
+        for owner in self._owners_of(entry):
             owner.check_read(entry)
         return entry.pack()
 
@@ -289,7 +290,7 @@ class Access:
         """
         with self._reporting(entry.index, entry.subindex):
             value: Any = entry.unpack(data)
-            owners: Sequence[Service] = self._owners.get(entry.index, ())
+            owners = self._owners_of(entry)
             for owner in owners:
                 owner.check(entry, value)
             self._application.on_write(entry, value)
@@ -300,7 +301,17 @@ class Access:
 
     def put(self, entry: Entry, value: Any) -> None:
         """Set a value of the application, and apply it in the services, without checks."""
-        self._put(entry, value, self._owners.get(entry.index, ()))
+        self._put(entry, value, self._owners_of(entry))
+
+    def _owners_of(self, entry: Entry) -> Sequence[Service]:
+        """Return the services of an entry, none for a sub-index that CiA 301 does not have.
+
+        Such an entry of a service's object may be of any type, and is only stored.
+        """
+        owners = self._owners.get(entry.index, [])
+        if owners and entry.subindex and standard_type(entry.index, entry.subindex) is None:
+            return []
+        return owners
 
     def _put(self, entry: Entry, value: Any, owners: Sequence[Service]) -> None:
         entry.value = value
