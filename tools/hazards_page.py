@@ -19,13 +19,12 @@ from smarttac_can.canopen.od.object_reference import table
 from smarttac_can.host.files import read_eds
 from smarttac_can.instrument.nodes import plate_node
 from smarttac_can.instrument.nodes.hard_caps import AMPLITUDE_TRIP_MAX
-from smarttac_can.instrument.nodes.loop_frames import DRIVE_RPDO, HARDWARE_RPDO
 from smarttac_can.instrument.nodes.loop_time import deadlines
 from smarttac_can.instrument.nodes.stimulator_node import NOT_OPERATIONAL_US
 from smarttac_can.science.control.step import FREQUENCY_STEP
 from smarttac_can.science.plant.parameters import ResonatorParameters, SensorParameters
 from smarttac_can.vocabulary import watchdogs
-from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS, TICK_US
+from smarttac_can.vocabulary.signals import DRIVE_RPDO, HARDWARE_RPDO, SHORT_DEADLINE_MS, TICK_US
 
 HAZARDS = Path(__file__).resolve().parent / "hazards.toml"
 MATRIX = HAZARDS.parent.parent / "docs" / "reference" / "faults.md"

@@ -15,9 +15,8 @@ from math import isfinite
 from pathlib import Path
 from secrets import token_urlsafe
 from socket import AI_PASSIVE, SOCK_STREAM, getaddrinfo
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
-import canopen
 import click
 import numpy as np
 
@@ -33,22 +32,15 @@ from smarttac_can.bench.calibration import (
 )
 from smarttac_can.bench.errors import in_shell_words
 from smarttac_can.bench.plate_loads import STANDARD_GRAVITY, Placing, Weighing, read_plan
-from smarttac_can.bench.remote_device import RemoteDevice, bench_id
+from smarttac_can.bench.remote_device import RemoteDevice
 from smarttac_can.bench.self_test import Check
 from smarttac_can.bench.self_test import selftest as judge
+from smarttac_can.bench.status import plate_of, read_status, supervised
 from smarttac_can.bench.watch.listener import Listener
 from smarttac_can.bench.watch.watcher import Watcher
-from smarttac_can.canopen.commissioning.node_ids import wait_until
-from smarttac_can.canopen.device.nmt import UNKNOWN, state_text
-from smarttac_can.canopen.master.errors import BenchError
+from smarttac_can.canopen.device.nmt import UNKNOWN
 from smarttac_can.canopen.od.cia import (
-    CAN_ID_MASK,
-    COB_INVALID,
     HEARTBEAT_CONSUMER,
-    HEARTBEAT_ID,
-    PDO_COB_ID,
-    RPDO_COMMUNICATION,
-    TPDO_IDS,
 )
 from smarttac_can.cli.shared import (
     OLD_FILE,
@@ -67,36 +59,9 @@ from smarttac_can.cli.shared import (
     timeout_option,
 )
 from smarttac_can.host.files import result_file
-from smarttac_can.instrument.nodes.lock import supervised_node
-from smarttac_can.instrument.nodes.loop_frames import MEASUREMENT_RPDOS
 from smarttac_can.vocabulary.meanings import LIFTED
-from smarttac_can.vocabulary.states import Mode, Status, known_state
-from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog, level, watchdogs_in
-
-_HEARTBEATS_WAITED: Final = 1.5
-_LONGEST_WATCH_S: Final = 2.0
-_STATUS: Final = sum(Status)
-_LEVELS: Final = (
-    ("voltage", "Vibration.Voltage", "Limit.Voltage", "V"),
-    ("amplitude", "Vibration.Amplitude", "Limit.Amplitude trip", "um"),
-    ("temperature", "Plate temperature", "Limit.Temperature", "degC"),
-    ("normal force", "Contact.Normal force", "Limit.Normal force", "N"),
-    ("lateral force", "Contact.Tangential force", "Limit.Lateral force", "N"),
-)
-"""Measured values: their names here and in the object dictionary, with the limit of a fault."""
-
-
-class _Watch(NamedTuple):
-    """A node whose heartbeat a stimulator supervises."""
-
-    node_id: int
-    entry: int
-    """Sub-index of its entry in the heartbeat consumer."""
-    bench: bool
-    """Whether it is the entry of bench scripts."""
-    seconds: float
-    """Consumer heartbeat time in s."""
-    heard: bool = False
+from smarttac_can.vocabulary.states import Status
+from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 
 
 @click.command(
@@ -114,7 +79,13 @@ def status(*, at: StimulatorChoice, timeout: float, json_file: Path | None) -> N
     """
     with reporting(json_file) as write_results:
         with closing_network(at.bus) as network:
-            report = _asked(network, at, timeout)
+            report = read_status(
+                network,
+                at.node_id,
+                plate_node_id=at.plate_node,
+                where=at.bus.where,
+                timeout=timeout,
+            )
         write_results(report, _lines(report))
 
 
@@ -152,7 +123,7 @@ def _cure_of_silence(at: StimulatorChoice, timeout: float) -> Iterator[None]:
         if WATCHDOGS[Watchdog.HEARTBEAT].text in str(error):
             with closing_network(at.bus) as network:
                 device = RemoteDevice(network, stimulator_od(at.node_id), at.bus.where, timeout)
-                for watch in _watches(network, device, at.plate_node or _plate_of(device)):
+                for watch in supervised(network, device, at.plate_node or plate_of(device)):
                     if not watch.heard:
                         error.add_note(
                             f"node {watch.node_id} is supervised and silent: start it again, or "
@@ -164,103 +135,6 @@ def _cure_of_silence(at: StimulatorChoice, timeout: float) -> Iterator[None]:
 
 def _plain(state: State) -> str:
     return state.name.lower().replace("_", " ")
-
-
-def _asked(network: canopen.Network, at: StimulatorChoice, timeout: float) -> dict[str, Any]:
-    where = at.bus.where
-    device = RemoteDevice(network, stimulator_od(at.node_id), where, timeout)
-    plate_id = at.plate_node or _plate_of(device)
-    plate = None if plate_id is None else RemoteDevice(network, plate_od(plate_id), where, timeout)
-    return {
-        "bus": where,
-        "node_id": at.node_id,
-        "nmt": _nmt(device),
-        "plate": None if plate is None else {"node_id": plate_id, "nmt": _nmt(plate)},
-        **_state(device),
-        "levels": _levels(device),
-        "driven_by": [
-            {"node_id": watch.node_id, "bench": watch.bench, "heard": watch.heard}
-            for watch in _watches(network, device, plate_id)
-        ],
-    }
-
-
-def _plate_of(device: RemoteDevice) -> int | None:
-    """Return the node-ID of the plate to which a stimulator is linked; None if it is inside."""
-    first = RPDO_COMMUNICATION + MEASUREMENT_RPDOS[0] - 1
-    cob_id = int(device.read(device.od.entry(first, PDO_COB_ID)))
-    plate = (cob_id & CAN_ID_MASK) - TPDO_IDS[0]
-    return plate if not cob_id & COB_INVALID and 1 <= plate <= CAN_ID_MASK >> 4 else None
-
-
-def _watches(network: canopen.Network, device: RemoteDevice, plate_id: int | None) -> list[_Watch]:
-    """Return the nodes that a stimulator supervises besides its plate, and listen for each."""
-    heard: set[int] = set()
-
-    def hear(can_id: int, _data: bytearray, _timestamp: float) -> None:
-        heard.add(can_id - HEARTBEAT_ID)
-
-    watches = [watch for watch in _entered(device) if watch.node_id != plate_id]
-    for watch in watches:
-        network.subscribe(HEARTBEAT_ID + watch.node_id, hear)
-    longest = max((watch.seconds for watch in watches), default=0.0)
-    wait_until(
-        lambda: heard.issuperset(watch.node_id for watch in watches),
-        min(longest, _LONGEST_WATCH_S),
-    )
-    return [watch._replace(heard=watch.node_id in heard) for watch in watches]
-
-
-def _entered(device: RemoteDevice) -> Iterator[_Watch]:
-    own = device.od.node_id
-    for subindex, entry in device.od.objects[HEARTBEAT_CONSUMER].entries.items():
-        if subindex:
-            value = int(device.read(entry))
-            if node_id := supervised_node(value):
-                is_bench = node_id == bench_id(own)
-                yield _Watch(node_id, subindex, is_bench, (value & 0xFFFF) * 1e-3)
-
-
-def _nmt(device: RemoteDevice) -> str:
-    # 0 before the first heartbeat, and after a boot-up: the next heartbeat has the state entered.
-    wait_until(lambda: device.state != 0, _HEARTBEATS_WAITED * device.heartbeat_s)
-    state = device.state
-    return state_text(state) if state else UNKNOWN
-
-
-def _state(device: RemoteDevice) -> dict[str, Any]:
-    od = device.od
-    word = int(device.read(od["Statusword"]))
-    state = known_state(word)
-    if state is None:
-        raise BenchError(f"node {od.node_id} has a statusword of {word:04X}h, which no state has")
-    return {
-        "state": state.name.lower(),
-        "mode": Mode(device.read(od["Mode display"])).name.lower(),
-        "flags": [bit.name.lower() for bit in Status(word & _STATUS) if bit.name],
-        "message": str(device.read(od["Message"])),
-        "latched": _faults(device, "Diagnosis.Latched"),
-        "present": _faults(device, "Diagnosis.Present"),
-    }
-
-
-def _faults(device: RemoteDevice, name: str) -> list[dict[str, Any]]:
-    watchdogs = watchdogs_in(int(device.read(device.od[name])))
-    rows = [WATCHDOGS[watchdog] for watchdog in watchdogs]
-    return [{"code": int(row.code), "text": row.text, "remedy": row.remedy} for row in rows]
-
-
-def _levels(device: RemoteDevice) -> dict[str, Any]:
-    def number(name: str, unit: str) -> float:
-        entry = device.od[name]
-        return float(entry.unit.times(device.read(entry), unit))
-
-    levels = {}
-    for name, measured, bound, unit in _LEVELS:
-        value, limit = number(measured, unit), number(bound, unit)
-        share = round(level(abs(value), limit), 3) if limit else None
-        levels[name] = {"value": value, "limit": limit, "unit": unit, "level": share}
-    return levels
 
 
 def _lines(report: dict[str, Any]) -> Iterator[str]:

@@ -1,7 +1,8 @@
 """The values exchanged between plate and controller, in SI units.
 
 They are small and immutable, and do not depend on the bus: the object dictionary scales them to
-integers, and the nodes keep the tick counts that pair a drive with its measurement.
+integers, the PDOs named at the end carry them, and the nodes keep the tick counts that pair a drive
+with its measurement.
 """
 
 from __future__ import annotations
@@ -91,3 +92,16 @@ TICK_US: Final = round(TICK * 1e6)
 SHORT_DEADLINE_MS: Final = 3
 """Deadline in ms of measurements and drives if every cycle is in time: in lockstep, or with
 real-time privileges. One lost cycle is accepted, a second one in a row is not."""
+
+MEASUREMENT_TPDOS: Final = (1, 2, 3)
+"""PDOs in which the plate sends a measurement."""
+MEASUREMENT_RPDOS: Final = (5, 6, 7)
+"""PDOs in which the stimulator receives it."""
+DRIVE_TPDO: Final = 5
+"""PDO in which the stimulator sends a drive."""
+DRIVE_RPDO: Final = 1
+"""PDO in which the plate receives it."""
+HARDWARE_RPDO: Final = 2
+"""PDO in which the plate receives hardware that supervises its stage; not valid by default."""
+PLATE_RPDOS: Final = (DRIVE_RPDO, HARDWARE_RPDO)
+"""All RPDOs of the plate."""

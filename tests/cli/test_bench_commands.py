@@ -85,7 +85,7 @@ def break_a_gauge(bench: Stimulator) -> None:
 @pytest.fixture
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Wait for a heartbeat however busy the machine is."""
-    monkeypatch.setattr("smarttac_can.cli.bench._HEARTBEATS_WAITED", GUARD_S)
+    monkeypatch.setattr("smarttac_can.bench.status._HEARTBEATS_WAITED", GUARD_S)
 
 
 @pytest.mark.usefixtures("patient")

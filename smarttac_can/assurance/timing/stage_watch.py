@@ -24,7 +24,7 @@ from smarttac_can.canopen.od.cia import (
 )
 from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.host.python_can import PythonCanBus
-from smarttac_can.instrument.nodes.loop_frames import MEASUREMENT_RPDOS
+from smarttac_can.vocabulary.signals import MEASUREMENT_RPDOS
 
 MASTER_ID: Final = 100
 """Node-ID of the heartbeat of `StageWatch`."""

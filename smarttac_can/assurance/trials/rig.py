@@ -36,13 +36,12 @@ from smarttac_can.canopen.od.cia import (
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.host.faulty_bus import FaultyBus
-from smarttac_can.instrument.nodes.loop_frames import HARDWARE_RPDO
 from smarttac_can.instrument.nodes.plate_block import PlateBlock
 from smarttac_can.instrument.nodes.plate_node import PlateNode
 from smarttac_can.instrument.nodes.stimulator_node import StimulatorNode
 from smarttac_can.science.plant.finger import Finger
 from smarttac_can.vocabulary.meanings import AUTO_ZERO, SIMULATION, START_RUN, STROKE, ZERO
-from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS, TARE_SAMPLES, TICK_US
+from smarttac_can.vocabulary.signals import HARDWARE_RPDO, SHORT_DEADLINE_MS, TARE_SAMPLES, TICK_US
 from smarttac_can.vocabulary.states import Control, Mode, State
 from smarttac_can.vocabulary.textures import Axis, TextureTable
 

@@ -29,6 +29,12 @@ from smarttac_can.canopen.od.entry import Entry
 _STATE: Final = 0x7F
 
 
+def supervised_node(watch: int) -> int:
+    """Return the node-ID that an entry of the heartbeat consumer supervises, 0 for none."""
+    node_id, time = watch >> 16 & 0xFF, watch & 0xFFFF
+    return node_id if time and node_id <= LAST_NODE_ID else 0
+
+
 class HeartbeatProducer(Service):
     """Send the NMT state every producer time, and immediately when that time is written.
 

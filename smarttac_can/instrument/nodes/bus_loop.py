@@ -15,14 +15,10 @@ from smarttac_can.canopen.device.port import Clock
 from smarttac_can.canopen.od.cia import SYNC_COUNTER
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import Entry
-from smarttac_can.instrument.nodes.loop_frames import (
-    MEASUREMENT_RPDOS,
-    is_sound,
-    received_measurement,
-)
+from smarttac_can.instrument.nodes.loop_frames import is_sound, received_measurement
 from smarttac_can.instrument.nodes.loop_time import Deadline
 from smarttac_can.instrument.nodes.plate_block import TICK_MASK
-from smarttac_can.vocabulary.signals import TICK_US
+from smarttac_can.vocabulary.signals import MEASUREMENT_RPDOS, TICK_US
 from smarttac_can.vocabulary.watchdogs import (
     SYNC_DRIFT_WINDOW,
     Watchdog,

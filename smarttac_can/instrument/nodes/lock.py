@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
+from smarttac_can.canopen.device.error_control import supervised_node
 from smarttac_can.canopen.od.cia import (
     EMCY_COB_ID,
     GUARD_TIME,
@@ -27,15 +28,13 @@ from smarttac_can.canopen.od.cia import (
 )
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import Entry
-from smarttac_can.instrument.nodes.loop_frames import (
+from smarttac_can.instrument.nodes.parameters import CALIBRATION, GAUGE_ZERO, LIMIT, MODEL, NULL
+from smarttac_can.vocabulary.signals import (
     DRIVE_RPDO,
     DRIVE_TPDO,
     MEASUREMENT_RPDOS,
     MEASUREMENT_TPDOS,
 )
-from smarttac_can.instrument.nodes.parameters import CALIBRATION, GAUGE_ZERO, LIMIT, MODEL, NULL
-
-_LAST_NODE: Final = 127
 
 
 class Rule(NamedTuple):
@@ -44,12 +43,6 @@ class Rule(NamedTuple):
     text: str
     forbids: Callable[[int, int], bool]
     """Function of the present and the new raw value: whether the write relaxes the object."""
-
-
-def supervised_node(watch: int) -> int:
-    """Return the node-ID that an entry of the heartbeat consumer supervises, 0 for none."""
-    node_id, time = watch >> 16 & 0xFF, watch & 0xFFFF
-    return node_id if time and node_id <= _LAST_NODE else 0
 
 
 def _lasts_longer(present: int, value: int) -> bool:

@@ -25,7 +25,13 @@ from smarttac_can.canopen.od.data_types import STRUCT_CODES
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.instrument.nodes.loop_time import set_deadline
-from smarttac_can.vocabulary.signals import TICK_US
+from smarttac_can.vocabulary.signals import (
+    DRIVE_RPDO,
+    DRIVE_TPDO,
+    MEASUREMENT_RPDOS,
+    MEASUREMENT_TPDOS,
+    TICK_US,
+)
 
 _POLYNOMIAL: Final = 0x1D
 _START: Final = 0xFF
@@ -130,19 +136,6 @@ def last_unsent(data: bytes, before: bytes) -> int:
     """
     return _INVERSE[data[-1] ^ 0xFF] ^ crc8(data[:-1] + before) ^ 0xFF
 
-
-MEASUREMENT_TPDOS: Final = (1, 2, 3)
-"""PDOs in which the plate sends a measurement."""
-MEASUREMENT_RPDOS: Final = (5, 6, 7)
-"""PDOs in which the stimulator receives it."""
-DRIVE_TPDO: Final = 5
-"""PDO in which the stimulator sends a drive."""
-DRIVE_RPDO: Final = 1
-"""PDO in which the plate receives it."""
-HARDWARE_RPDO: Final = 2
-"""PDO in which the plate receives hardware that supervises its stage; not valid by default."""
-PLATE_RPDOS: Final = (DRIVE_RPDO, HARDWARE_RPDO)
-"""All RPDOs of the plate."""
 
 LATCHED: Final = 0x80
 """Value that is added to the node-ID of a drive's sender while the sender is in FAULT."""

@@ -25,10 +25,7 @@ from smarttac_can.instrument.nodes.device_node import DeviceNode
 from smarttac_can.instrument.nodes.front_end import STAGE_TOLERANCE
 from smarttac_can.instrument.nodes.lock import LONGER, OF_PLATE, OTHER, Lock, Rule
 from smarttac_can.instrument.nodes.loop_frames import (
-    DRIVE_RPDO,
     LATCHED,
-    MEASUREMENT_TPDOS,
-    PLATE_RPDOS,
     last_unsent,
     plate_serial,
     received_drive,
@@ -41,7 +38,7 @@ from smarttac_can.instrument.nodes.watches import full_bucket, leaked
 from smarttac_can.science.plant.finger import Finger
 from smarttac_can.vocabulary.faults import FaultCode
 from smarttac_can.vocabulary.plate import TimedPlate
-from smarttac_can.vocabulary.signals import TICK_US
+from smarttac_can.vocabulary.signals import DRIVE_RPDO, MEASUREMENT_TPDOS, PLATE_RPDOS, TICK_US
 from smarttac_can.vocabulary.watchdogs import REPORTED_BY_PLATE, WATCHDOGS, level
 
 WRONG_MAX: Final = 3

@@ -11,7 +11,6 @@ from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.instrument.nodes.hard_caps import STIMULATOR_CAPS, require_caps, require_choices
 from smarttac_can.instrument.nodes.lock import OF_STIMULATOR, Lock
 from smarttac_can.instrument.nodes.loop_frames import (
-    MEASUREMENT_RPDOS,
     CheckedFrames,
     received_drive,
     received_measurement,
@@ -49,7 +48,7 @@ from smarttac_can.science.control.tribometer import Forces
 from smarttac_can.vocabulary.faults import FaultKind
 from smarttac_can.vocabulary.meanings import AUTO_ZERO, FAULT_KIND, SIMULATION, START_RUN
 from smarttac_can.vocabulary.model import PlateModel
-from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS, Drive
+from smarttac_can.vocabulary.signals import MEASUREMENT_RPDOS, SHORT_DEADLINE_MS, Drive
 from smarttac_can.vocabulary.states import Mode, State
 from smarttac_can.vocabulary.textures import TABLES
 from smarttac_can.vocabulary.watchdogs import Watchdog

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 from smarttac_can.canopen.device.device import Device
+from smarttac_can.canopen.device.error_control import supervised_node
 from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.device.nmt import NMTState
 from smarttac_can.canopen.device.port import Clock
@@ -27,11 +28,8 @@ from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.instrument.nodes.bus_loop import BusLoop, Observe
 from smarttac_can.instrument.nodes.device_node import DeviceNode
-from smarttac_can.instrument.nodes.lock import supervised_node
 from smarttac_can.instrument.nodes.loop_frames import (
-    DRIVE_TPDO,
     LATCHED,
-    MEASUREMENT_RPDOS,
     expect_plate,
     links_to_plate,
     sent_drive,
@@ -43,7 +41,7 @@ from smarttac_can.instrument.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.instrument.nodes.supervisor import Supervisor
 from smarttac_can.instrument.nodes.watches import levels
 from smarttac_can.vocabulary.meanings import START_RUN
-from smarttac_can.vocabulary.signals import TICK_US
+from smarttac_can.vocabulary.signals import DRIVE_TPDO, MEASUREMENT_RPDOS, TICK_US
 from smarttac_can.vocabulary.states import State
 from smarttac_can.vocabulary.watchdogs import (
     COUNTED,

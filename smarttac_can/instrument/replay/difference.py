@@ -20,8 +20,8 @@ from smarttac_can.canopen.od.cia import (
 )
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import Entry
-from smarttac_can.instrument.nodes.loop_frames import DRIVE_TPDO
 from smarttac_can.vocabulary.meanings import emergency_text, meaning, meaning_of_bytes
+from smarttac_can.vocabulary.signals import DRIVE_TPDO
 
 NOTHING: Final = "nothing"
 INITIATED: Final = (2, 3)

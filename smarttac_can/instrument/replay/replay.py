@@ -56,11 +56,10 @@ from smarttac_can.canopen.od.cia import (
     NMTCommand,
 )
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
-from smarttac_can.instrument.nodes.loop_frames import DRIVE_TPDO, MEASUREMENT_RPDOS
 from smarttac_can.instrument.nodes.stimulator_node import StimulatorNode
 from smarttac_can.instrument.replay.difference import INITIATED, Difference, difference, mapped
 from smarttac_can.vocabulary.faults import FaultCode
-from smarttac_can.vocabulary.signals import TICK_US
+from smarttac_can.vocabulary.signals import DRIVE_TPDO, MEASUREMENT_RPDOS, TICK_US
 
 _RESETS: Final = (NMTCommand.RESET_NODE, NMTCommand.RESET_COMMUNICATION)
 _LOOK_US: Final = 100_000

@@ -33,10 +33,11 @@ from smarttac_can.canopen.bus.local_bus import LocalBus
 from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.od.cia import Abort, DataType, NMTCommand
 from smarttac_can.canopen.od.entry import Entry
-from smarttac_can.instrument.nodes.loop_frames import DRIVE_TPDO, crc8
+from smarttac_can.instrument.nodes.loop_frames import crc8
 from smarttac_can.instrument.nodes.plate_block import PlateBlock
 from smarttac_can.instrument.nodes.plate_node import PlateNode
 from smarttac_can.instrument.nodes.stimulator_node import Publishing, StimulatorNode
+from smarttac_can.vocabulary.signals import DRIVE_TPDO
 from smarttac_can.vocabulary.states import State
 
 STATE, VALUE, READ_ONLY = 0x08000022, 0x06090030, 0x06010002

@@ -6,8 +6,8 @@ from one_watch import Present
 from smarttac_can.bench.simulation import stimulator_od
 from smarttac_can.canopen.device.port import Clock
 from smarttac_can.instrument.nodes.bus_loop import SyncWatch
-from smarttac_can.instrument.nodes.loop_frames import MEASUREMENT_RPDOS
 from smarttac_can.instrument.nodes.loop_time import Deadline, set_deadline
+from smarttac_can.vocabulary.signals import MEASUREMENT_RPDOS
 from smarttac_can.vocabulary.watchdogs import Watchdog
 
 
