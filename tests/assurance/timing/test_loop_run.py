@@ -74,7 +74,7 @@ def send_no_message(multicast: dict[str, Any]) -> Iterator[Callable[[], object]]
 
 
 @pytest.mark.usefixtures("without_privileges")
-def test_a_process_without_the_priority_that_it_asked_for_is_known(
+def test_listener_says_when_priority_is_not_granted(
     multicast: dict[str, Any],
 ) -> None:
     with node_process(["plate"], multicast, 50) as plate:
@@ -86,7 +86,7 @@ def message(can_id: int, data: bytes = b"") -> can.Message:
     return can.Message(arbitration_id=can_id, is_extended_id=False, data=data)
 
 
-def test_all_that_was_sent_in_the_block_is_fed_with_the_time_at_which_it_came(
+def test_listener_feeds_all_frames_of_the_block_with_their_time(
     multicast: dict[str, Any],
 ) -> None:
     heard: list[tuple[float, Frame]] = []
@@ -133,7 +133,7 @@ def test_it_ends_while_something_comes_without_end(
             assert time.monotonic() - left < GUARD_S
 
 
-def test_what_is_no_message_is_passed_over(
+def test_listener_ignores_datagrams_without_a_frame(
     multicast: dict[str, Any], send_no_message: Callable[[], object]
 ) -> None:
     heard: list[Frame] = []
@@ -163,7 +163,7 @@ def test_a_bus_that_fails_is_told_behind_the_block(
         pass
 
 
-def test_what_is_no_message_is_no_loop(
+def test_listener_counts_no_cycle_for_datagrams_without_a_frame(
     multicast: dict[str, Any], send_no_message: Callable[[], object]
 ) -> None:
     with flooding(send_no_message, 0.002):

@@ -93,7 +93,7 @@ def test_frames_without_their_tick_and_remote_ones_are_ignored(loop: Loop) -> No
     assert not loop.timing.sync.counts
 
 
-def test_what_came_before_the_first_sync_is_ignored(loop: Loop) -> None:
+def test_loop_timing_ignores_frames_before_the_first_sync(loop: Loop) -> None:
     loop.feed(-0.5, measurement(255))
     loop.feed(-0.4, drive(255))
     loop.cycles(0, 11)
@@ -233,7 +233,7 @@ def test_ticks_that_a_late_plate_passes_over_are_missed(loop: Loop) -> None:
     assert timing.measurement.counts == {200: 17}
 
 
-def test_a_sync_that_the_plate_has_not_heard_shifts_nothing_for_long(loop: Loop) -> None:
+def test_loop_timing_recovers_from_a_sync_lost_by_the_plate(loop: Loop) -> None:
     loop.cycles(0, 10)
     loop.feed(10, sync())
     for n in range(11, 111):

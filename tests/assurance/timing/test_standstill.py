@@ -15,7 +15,7 @@ from smarttac_can.assurance.timing.standstill import forked, watching_machine
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="priorities and signals of Linux")
 
 
-def test_there_is_a_sleeper_on_each_processor_for_as_long_as_the_block_lasts() -> None:
+def test_standstill_watch_keeps_a_sleeper_on_each_processor() -> None:
     before = set(psutil.Process().children())
     with watching_machine() as machine:
         sleepers = set(psutil.Process().children()) - before
@@ -42,13 +42,13 @@ def test_a_sleeper_that_is_stopped_stands_for_a_machine_that_was() -> None:
         assert machine.stood_s(begin, begin + 0.1) == 0.0
 
 
-def test_what_is_forked_ends_with_the_block_even_if_it_is_stopped() -> None:
+def test_forked_sleeper_ends_with_the_block_even_if_stopped() -> None:
     with forked(signal.pause) as process:
         os.kill(process.pid, signal.SIGSTOP)
     assert process.exitcode == -signal.SIGKILL
 
 
-def test_what_is_forked_ends_with_its_parent_even_if_that_is_killed() -> None:
+def test_forked_sleeper_ends_with_a_killed_parent() -> None:
     script = (
         "import signal; from smarttac_can.assurance.timing.standstill import forked\n"
         "with forked(signal.pause) as one, forked(signal.pause) as other:\n"

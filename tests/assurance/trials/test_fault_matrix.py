@@ -66,9 +66,7 @@ def test_fault_ends_in_0_v_in_time_and_recovers(case: FaultCase, mode: Mode) -> 
     ("name", "hold"),
     [("a node babbles", 2000), *(("bus-off", hold) for hold in (2000, 2125, 2250, 2375))],
 )
-def test_a_fault_that_outlasts_the_heartbeat_of_the_plate_ends_with_the_next_one(
-    name: str, hold: int
-) -> None:
+def test_fault_beyond_plate_heartbeat_ends_with_the_next_one(name: str, hold: int) -> None:
     # Heartbeats of the plate come each 500 cycles, so wherever between two of them it ends.
     (row,) = fault_matrix(cases([name], ["identify"]), hold=hold)
     assert row.held
@@ -76,7 +74,7 @@ def test_a_fault_that_outlasts_the_heartbeat_of_the_plate_ends_with_the_next_one
 
 
 @pytest.mark.parametrize("mode", DRIVING)
-def test_a_plate_that_goes_on_is_at_0_v_and_barred_before_it_uses_what_waited(
+def test_resumed_plate_is_at_0_v_before_it_uses_queued_frames(
     mode: Mode, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     case = next(case for case in CASES if case.name == "plate paused for 2 s")
@@ -103,7 +101,7 @@ def test_a_plate_that_goes_on_is_at_0_v_and_barred_before_it_uses_what_waited(
     assert set(seen) == {(0, True)}
 
 
-def test_the_time_of_a_fault_is_before_what_it_does() -> None:
+def test_fault_row_time_is_before_the_first_frame_of_the_fault() -> None:
     frames: list[tuple[int, Frame]] = []
     (row,) = fault_matrix(
         cases(["NMT stop"], ["amplitude"]),
@@ -114,7 +112,7 @@ def test_the_time_of_a_fault_is_before_what_it_does() -> None:
     assert row.injected_at_s * 1e6 < stop
 
 
-def test_a_row_that_is_not_covered_says_so_and_is_not_over_its_bound() -> None:
+def test_uncovered_fault_row_says_so_and_has_no_late_bound() -> None:
     row = one("plate paused for 2 s", "amplitude")
     assert not row.covered
     assert replace(row, cycles_to_zero=9).passed
@@ -122,7 +120,7 @@ def test_a_row_that_is_not_covered_says_so_and_is_not_over_its_bound() -> None:
     assert [case.name for case in CASES if case.uncovered] == ["plate paused for 2 s"]
 
 
-def test_a_full_queue_is_told_by_the_outbox_when_its_cycle_is_over() -> None:
+def test_full_transmit_queue_is_a_fault_when_its_cycle_is_over() -> None:
     case = next(case for case in CASES if case.name == "transmit queue full")
     rig = driving_rig(case, Mode.AMPLITUDE)
     case.inject(rig)
@@ -167,7 +165,7 @@ def test_every_driving_mode_is_there_for_most_faults() -> None:
     assert len({case.name for case in CASES}) == len(CASES)
 
 
-def test_what_acts_through_the_loop_is_also_there_under_the_predictive_laws() -> None:
+def test_faults_within_the_loop_have_rows_with_predictive_laws() -> None:
     rows = cases([], ["friction_predictive"])
     names = {case.name for case, _ in rows}
     assert len(names) == len(rows) == 57
@@ -180,7 +178,7 @@ def test_what_acts_through_the_loop_is_also_there_under_the_predictive_laws() ->
 
 
 @pytest.mark.parametrize("way", [way for way in WAYS if way != "identify"])
-def test_what_is_not_seen_goes_on_and_reaches_at_most_that_of_a_sound_run_over_the_gain(
+def test_unseen_fault_reaches_at_most_setpoint_over_gain(
     way: str,
 ) -> None:
     given = [(case, mode) for case, mode in ALL_NOT_SEEN if case.way(mode) == way]
@@ -213,7 +211,9 @@ def test_the_gains_that_are_not_seen_are_these() -> None:
     ("name", "sensor", "per_mille"),
     [("pick-up", 10, 600), ("pick-up d", 7, 600), ("pick-up q", 8, 600)],
 )
-def test_a_gain_is_lost_by_what_its_name_says(name: str, sensor: int, per_mille: int) -> None:
+def test_pickup_fault_case_loses_the_gain_of_its_name(
+    name: str, sensor: int, per_mille: int
+) -> None:
     (case,) = (case for case in NOT_SEEN if case.name == f"{name} at 0.6")
     injected = []
 
@@ -253,7 +253,7 @@ def replace_inject(case: FaultCase) -> FaultCase:
         {"recovered": False},
     ],
 )
-def test_what_makes_a_row_fail(change: dict[str, float]) -> None:
+def test_fault_row_fails_for_each_kind_of_violation(change: dict[str, float]) -> None:
     good = FaultRow("it", "friction", 10.0, 5, 6, ("5210h",), "fault", HOLD, True, True, 0.0, 1.0)
     assert good.passed
     assert not replace(good, **change).passed  # type: ignore[arg-type]

@@ -68,7 +68,7 @@ def fail(hostile: Hostile) -> None:
         (fail, "ZeroDivisionError: division by zero"),
     ],
 )
-def test_what_does_not_hold_is_seen(
+def test_attack_trial_reports_each_violation(
     spoil: object, message: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def observe(hostile: Hostile) -> None:

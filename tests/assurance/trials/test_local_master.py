@@ -60,7 +60,7 @@ def test_refusals_and_silence_are_told(bench: Bench) -> None:
         bench.master.read(NODE_ID, HEARTBEAT)
 
 
-def test_the_answer_is_found_among_what_else_comes(bench: Bench) -> None:
+def test_local_master_finds_its_answer_among_other_frames(bench: Bench) -> None:
     other_answer, answer = "4B 16 10 00 01 00 00 00", "4B 17 10 00 FA 00 00 00"
     chatter = [
         Frame(0x080),
@@ -77,7 +77,7 @@ def test_the_answer_is_found_among_what_else_comes(bench: Bench) -> None:
     assert bench.master.read(NODE_ID, HEARTBEAT) == 250
 
 
-def test_tells_what_others_say_to_its_frames_and_not_what_they_said_before(bench: Bench) -> None:
+def test_local_master_returns_only_frames_after_its_own(bench: Bench) -> None:
     bench.master.write(NODE_ID, HEARTBEAT, 10)
     bench.bus.advance(10_000)
     assert texts(bench.heard)[-1] == "720 7F"

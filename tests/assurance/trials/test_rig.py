@@ -17,7 +17,7 @@ def rig() -> Rig:
     return rig
 
 
-def test_reads_what_was_written_and_from_the_right_node(rig: Rig) -> None:
+def test_rig_reads_back_a_write_from_the_right_node(rig: Rig) -> None:
     rig.write("Setpoint.Amplitude", 700)
     rig.write("Simulation.Subject", 4)
     assert rig.read("Setpoint.Amplitude") == 700

@@ -24,7 +24,7 @@ def test_every_cell_can_be_run_alone_by_its_name() -> None:
         assert parse_cell(str(cell)) == cell
 
 
-def test_a_grid_is_drawn_by_its_seed_and_has_each_failure_in_each_mode() -> None:
+def test_sensor_grid_follows_its_seed_with_each_failure_and_mode() -> None:
     assert grid_cells(4) == grid_cells(4) != grid_cells(5)
     driven = {(cell.failure, cell.mode) for cell in grid_cells(4) if cell.mode != "IDENTIFY"}
     assert driven == {(str(f), mode.name) for f in failures() for mode in DRIVING if mode != 5}

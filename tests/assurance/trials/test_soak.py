@@ -88,7 +88,7 @@ def test_a_weak_axis_is_looked_for_at_the_resonance(monkeypatch: pytest.MonkeyPa
     assert report.violations == []
 
 
-def test_a_lateral_gauge_that_is_off_may_be_friction_under_a_heavy_finger(
+def test_soak_takes_lateral_gauge_error_for_friction_at_high_fn(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     only("S1 off in 4 of 5 cycles", Mode.OPEN_LOOP, monkeypatch)
@@ -103,7 +103,7 @@ def case_of(name: str) -> FaultCase:
     return case
 
 
-def test_a_stage_that_is_stuck_at_what_it_is_told_obeys(rig: Rig) -> None:
+def test_soak_takes_a_stage_stuck_at_its_command_as_obeying(rig: Rig) -> None:
     case = case_of("power stage stuck")
     assert not case.shows(rig)
     rig.plate_block.commanded = rig.stage.si_value + 1.01
@@ -127,7 +127,7 @@ def test_a_corrupt_measurement_that_passes_its_check_is_answered(rig: Rig) -> No
         ("plate cracked", 14),
     ],
 )
-def test_what_is_counted_in_a_row_has_to_show_in_a_row(
+def test_soak_counts_cycles_in_a_row_only_in_a_row(
     name: str, cycles: int, rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shows = [True] * (cycles - 1) + [False] + [True] * cycles
@@ -146,7 +146,7 @@ def test_what_is_counted_in_a_row_has_to_show_in_a_row(
         ("S3 dead", None, "S3 dead in mode amplitude: the gauges contradict each other"),
     ],
 )
-def test_a_mishap_ends_a_run_only_where_the_plate_itself_vibrates_too_much(
+def test_soak_mishap_ends_a_run_only_above_the_true_amplitude(
     name: str, tripped: str | None, complaint: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(soak, "TOLERATED", [case for case in CASES if case.name == name])
@@ -184,7 +184,7 @@ def test_lasting_amplitude_above_the_limit_is_seen(rig: Rig, invariants: Invaria
     assert "um for" in invariants.violations[0]
 
 
-def test_a_broken_pickup_hides_an_amplitude_for_no_longer_than_its_bound(
+def test_soak_bounds_the_time_a_broken_pickup_hides_an_amplitude(
     rig: Rig, invariants: Invariants
 ) -> None:
     rig.od["Limit.Amplitude trip"].value = 0
@@ -416,7 +416,7 @@ def test_four_bad_cycles_of_five_are_seen(driven: Rig) -> None:
     assert margins.table()["gauges"] == {"open_loop": 0.8}, "the largest of all runs"
 
 
-def test_what_is_dropped_is_not_kept(driven: Rig) -> None:
+def test_soak_forgets_dropped_frames(driven: Rig) -> None:
     margins = Margins(driven)
     margins.look()
     margins.keep()

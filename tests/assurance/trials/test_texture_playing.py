@@ -25,7 +25,7 @@ def test_a_grating_of_2_mm_at_60_mm_per_s(subject: int, shape: str, one_pass: fl
 
 
 @pytest.mark.parametrize(("shape", "one_pass"), [("sine", 0.93), ("square", 0.80)])
-def test_the_predictive_vibration_law_follows_as_well_after_a_dead_time(
+def test_texture_under_predictive_vibration_law_bears_dead_time(
     shape: str, one_pass: float
 ) -> None:
     texture = Texture.grating(2.0, *LEVELS[1], shape=shape)
