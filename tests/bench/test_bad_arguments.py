@@ -222,7 +222,7 @@ def refusing(request: pytest.FixtureRequest) -> Iterator[tuple[Stimulator, dict[
         *((act, RefusedError, message) for act, message in REFUSED),
     ],
 )
-def test_what_is_refused_changes_nothing(
+def test_refused_argument_changes_no_object(
     refusing: tuple[Stimulator, dict[str, float]],
     act: Act,
     error: type[Exception],
@@ -279,7 +279,7 @@ def test_what_is_refused_changes_nothing(
         ),
     ],
 )
-def test_of_what_makes_one(act: Callable[[], object], text: str) -> None:
+def test_refused_argument_names_value_and_bound(act: Callable[[], object], text: str) -> None:
     with pytest.raises(ValueError, match=text):
         act()
 
@@ -306,7 +306,7 @@ def test_numbers_of_numpy_are_taken_as_set_points(name: str, value: Any, held: A
 
 
 @pytest.mark.parametrize("copied", [pickle.dumps, copy.copy, copy.deepcopy])
-def test_a_bench_and_what_it_hands_out_cannot_be_copied(copied: Act, tmp_path: Path) -> None:
+def test_bench_and_its_parts_cannot_be_copied_or_pickled(copied: Act, tmp_path: Path) -> None:
     with simulated() as bench:
         for one in (bench, bench.finger, bench.events(), bench.record(tmp_path / "a.h5")):
             with pytest.raises(TypeError, match=r"cannot be copied or pickled: it belongs to this"):
@@ -335,7 +335,7 @@ def test_no_trace_replaces_no_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("traces", ["run.csv", [TRACE, None], [TRACE.counts]])
-def test_what_is_no_trace_replaces_no_file(traces: Any, tmp_path: Path) -> None:
+def test_writing_no_trace_replaces_no_file(traces: Any, tmp_path: Path) -> None:
     path = tmp_path / "t.csv"
     write_csv(path, TRACE)
     before = path.read_bytes()

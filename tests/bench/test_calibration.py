@@ -71,7 +71,7 @@ def test_the_uncertainty_is_how_far_noise_moves_the_fit() -> None:
     assert all(one.shortcomings() == [] for one in many)
 
 
-def test_what_there_are_no_weighings_for_stays() -> None:
+def test_calibration_keeps_values_without_weighings() -> None:
     level = fitted(PLAN[5:])
     assert set(level.objects()) == {f"Calibration.Position of S{gauge}" for gauge in range(3, 7)}
     assert np.isnan(level.rms[:2]).all()
@@ -218,7 +218,7 @@ def test_a_null_below_the_step_of_its_object_is_none(bench: Stimulator) -> None:
     assert write_calibration(bench, fitted(PLAN), nulls)["Gauge null.Null of S1"] == 0.0
 
 
-def test_what_is_refused_leaves_all_as_it_was(bench: Stimulator) -> None:
+def test_refused_calibration_writes_no_object(bench: Stimulator) -> None:
     names = fitted(PLAN).objects()
     before = {name: bench.get(name) for name in names}
     far = fitted(PLAN)._replace(positions_mm=(-27.0, 28.0, -27.0, 99.0))
@@ -252,7 +252,7 @@ def test_a_plan_is_read(tmp_path: Path) -> None:
         (HEAD + '"' + ("a" * 150 + "\n") * 1000, "line [0-9]+: field larger than field limit"),
     ],
 )
-def test_what_is_no_plan(text: str, message: str, tmp_path: Path) -> None:
+def test_calibration_plan_refuses_malformed_rows(text: str, message: str, tmp_path: Path) -> None:
     path = tmp_path / "plan.csv"
     path.write_text(text)
     with pytest.raises(ValueError, match=message):

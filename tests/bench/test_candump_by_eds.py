@@ -86,7 +86,9 @@ def cycles(log: Path, tpdos: list[Tpdo]) -> list[list[dict[str, Decimal]]]:
     return runs
 
 
-def test_the_log_says_what_the_traces_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_candump_log_decoded_by_eds_equals_the_traces(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("smarttac_can.studies.paper.experiments.PASSES", 2)
     reproduce(frozenset({"fig5", "table1"}), Conditions(seed=3), link="bus", folder=tmp_path)
     od = canopen.import_od(str(EDS / "stimulator.eds"), node_id=32)

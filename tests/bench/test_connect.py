@@ -128,7 +128,7 @@ def test_real_time_with_nodes_in_lockstep_is_named(
             bench.mode = "amplitude"
 
 
-def test_what_is_missing_in_lockstep_is_no_matter_of_time(virtual: dict[str, Any]) -> None:
+def test_connect_in_lockstep_names_a_missing_node_after_any_time(virtual: dict[str, Any]) -> None:
     with (
         in_threads(virtual, stimulator_with_plate()),
         Stimulator.connect(**virtual, lockstep=True) as bench,
@@ -171,7 +171,7 @@ def test_a_node_that_stops_answering(virtual: dict[str, Any]) -> None:
         pass
 
 
-def test_tpdos_without_what_a_recording_holds(virtual: dict[str, Any]) -> None:
+def test_run_refuses_tpdos_without_the_recorded_objects(virtual: dict[str, Any]) -> None:
     node = stimulator_with_plate()
     with in_threads(virtual, node):
         with Stimulator.connect(**virtual, lockstep=True) as bench:
@@ -244,7 +244,7 @@ def test_a_cycle_that_the_event_timer_repeats_is_recorded_once(virtual: dict[str
         assert bench.get("Cycle.Missed deadlines") > 100
 
 
-def test_a_plate_node_by_the_clock_with_the_stimulator_as_its_tick(virtual: dict[str, Any]) -> None:
+def test_connect_in_real_time_takes_sync_of_the_stimulator(virtual: dict[str, Any]) -> None:
     plate = PlateNode(plate_od())
     stimulator = StimulatorNode(stimulator_od(), plate_node_id=33, produce_sync=True)
     with (
@@ -268,7 +268,7 @@ def test_without_sync_the_loop_gives_no_cycles(
         bench.run(0.01)
 
 
-def test_a_reading_right_after_connect_waits_for_the_first_values(virtual: dict[str, Any]) -> None:
+def test_reading_after_connect_waits_for_the_first_values(virtual: dict[str, Any]) -> None:
     node = stimulator_with_plate(lockstep=False)
     with (
         in_threads(virtual, node, lockstep=False),

@@ -43,7 +43,7 @@ def test_listening_changes_no_transmission_type() -> None:
     assert now == before
 
 
-def test_what_comes_in_a_run_is_kept(bench: Stimulator) -> None:
+def test_events_during_a_run_are_kept(bench: Stimulator) -> None:
     bench.run(0.1)
     bench.voltage = 10
     bench.mode = "open_loop"
@@ -152,7 +152,7 @@ def test_beside_a_run_in_another_thread(virtual: dict[str, Any]) -> None:
         assert State.ARMED in states
 
 
-def test_blocks_that_end_in_any_order_leave_what_others_hear(
+def test_events_of_other_blocks_outlast_a_block_that_ends(
     virtual: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     heard: list[set[int]] = []

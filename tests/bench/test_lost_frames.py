@@ -181,7 +181,7 @@ def test_lost_frames_cost_rows_and_no_more(
     ("command", "message"),
     [(0x80, "3 cycles in a row were lost"), (0x02, "node 32 does not answer")],
 )
-def test_a_stimulator_that_another_master_takes_out_of_operational(
+def test_run_ends_when_another_master_stops_the_stimulator(
     command: int, message: str, virtual: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def nmt(command: int) -> None:

@@ -64,7 +64,7 @@ def test_a_text_is_none_but_a_text_without_a_configuration() -> None:
     assert echoes(ignore_config=True, receive_own_messages="False") == (True, True)
 
 
-def test_it_goes_on_after_what_is_no_message(multicast: dict[str, Any]) -> None:
+def test_network_listener_survives_datagrams_without_a_frame(multicast: dict[str, Any]) -> None:
     network = TappedNetwork()
     network.NOTIFIER_CYCLE = 0.01
     network.connect(**multicast)

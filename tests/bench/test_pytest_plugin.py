@@ -49,7 +49,7 @@ def test_in_a_project_of_its_own(pytester: pytest.Pytester) -> None:
 
 
 @pytest.mark.parametrize("inside", [True, False])
-def test_a_factory_makes_what_is_asked_for(make_stimulator: Make, inside: bool) -> None:
+def test_make_stimulator_applies_its_options(make_stimulator: Make, inside: bool) -> None:
     bench = make_stimulator(subject=3, seed=7, plate_inside=inside)
     assert (bench.get("Simulation.Subject"), bench.get("Simulation.Seed")) == (3, 7)
     with Stimulator.simulate("local", subject=3, seed=7) as same:
@@ -70,6 +70,8 @@ def test_several_instruments_do_not_hear_each_other(make_stimulator: Make) -> No
     "options",
     [{"subject": 10}, {"seed": -1}, {"presets": {"Nope": 1}}, {"plate_inside": "no"}],
 )
-def test_what_there_is_none_of_is_refused(make_stimulator: Make, options: dict[str, Any]) -> None:
+def test_make_stimulator_refuses_unknown_options(
+    make_stimulator: Make, options: dict[str, Any]
+) -> None:
     with pytest.raises((ValueError, BenchError)):
         make_stimulator(**options)

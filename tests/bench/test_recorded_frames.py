@@ -104,7 +104,7 @@ def test_a_loss_that_begins_and_ends_within_a_cycle_mixes_none(begin: int, end: 
     assert got == [*range(5, gap.first_tick), *range(gap.last_tick + 1, 24)]
 
 
-def test_what_event_timers_repeat_is_no_row() -> None:
+def test_event_timer_repetition_is_no_recorded_row() -> None:
     frames = cycle(5) + cycle(5, 105) + cycle(5, 205) + cycle(6, 206)
     assert take(reader(), frames) == [5, 6]
 
@@ -146,7 +146,7 @@ def test_frames_that_waited_in_a_queue_begin_no_run() -> None:
     assert len(reading.gaps) == 1
 
 
-def test_what_comes_on_a_change_is_held() -> None:
+def test_tpdo_sent_on_change_is_held_between_rows() -> None:
     reading = reader()
     status = [(0, 0x1A0, (775).to_bytes(2, "little") + b"\x04")]
     rows = reading.take(records(cycle(0) + status + cycle(1)), NONE, last=True)

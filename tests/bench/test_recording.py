@@ -106,7 +106,7 @@ def test_the_same_over_every_link(bench: Stimulator, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("bench", ["bus"], indirect=True)
-def test_channels_are_what_a_run_records(bench: Stimulator, tmp_path: Path) -> None:
+def test_recording_has_the_channels_of_a_run(bench: Stimulator, tmp_path: Path) -> None:
     bench.finger.stroke(2)
     bench.start_run()
     bench.tare()
@@ -132,7 +132,7 @@ def test_channels_are_what_a_run_records(bench: Stimulator, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("bench", ["bus"], indirect=True)
-def test_what_it_says_of_the_instrument(bench: Stimulator, tmp_path: Path) -> None:
+def test_recording_has_identity_settings_and_eds(bench: Stimulator, tmp_path: Path) -> None:
     play(bench, tmp_path / "run.h5")
     with h5py.File(tmp_path / "run.h5") as file:
         assert file.attrs["format"] == "SMARTTAC recording 2"
@@ -313,7 +313,7 @@ def test_in_real_time_beside_scripts_that_run(virtual: dict[str, Any], tmp_path:
     assert voltages == [20, 10]
 
 
-def test_what_waits_to_be_heard_at_the_end_is_recorded(
+def test_recording_keeps_frames_queued_at_its_end(
     virtual: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     heard = FrameLog.frame
@@ -354,7 +354,9 @@ def test_a_node_that_is_reset_is_recorded_on(virtual: dict[str, Any], tmp_path: 
     assert recording.summary.runs == 2
 
 
-def test_what_a_master_sets_by_pdo_is_in_it(virtual: dict[str, Any], tmp_path: Path) -> None:
+def test_recording_has_setpoints_a_master_sets_by_pdo(
+    virtual: dict[str, Any], tmp_path: Path
+) -> None:
     with (
         in_threads(virtual, stimulator_with_plate(lockstep=False), lockstep=False),
         can.Bus(**virtual) as master,
@@ -613,7 +615,7 @@ def test_a_node_of_another_form_is_refused(
         make_recording(log_with(head, tmp_path), tmp_path / "made.h5")
 
 
-def test_what_never_ends_is_not_waited_for(head: dict[str, Any]) -> None:
+def test_recorded_frames_wait_for_no_unending_mark(head: dict[str, Any]) -> None:
     frames = RecordedFrames(head)
     many = np.zeros(40_000, RECORD)
     many["kind"], many["length"], many["data"] = MARK, 8, 65

@@ -215,7 +215,7 @@ def test_another_suffix_is_refused_with_the_one_it_needs(tmp_path: Path, name: s
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
+def test_read_recording_refuses_files_of_another_format(tmp_path: Path) -> None:
     path = tmp_path / "x.h5"
     with pytest.raises(FileNotFoundError, match="there is no such file"):
         read_recording(path)
@@ -384,7 +384,7 @@ def test_a_file_that_appears_during_the_work_stays(
     assert {other.name for other in log.parent.iterdir()} == {log.name, "x.h5"}
 
 
-def test_what_a_full_disk_has_not_taken_is_read_back(tmp_path: Path) -> None:
+def test_recording_on_a_full_disk_is_read_back_to_the_error(tmp_path: Path) -> None:
     """HDF5 takes what it reads for its own tables, and crashes on what is none."""
     with recording_file._Disk(tmp_path / "x", tmp_path / "y", tmp_path / "z") as disk:
         disk.write(b"abcdefgh")

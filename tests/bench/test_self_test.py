@@ -84,7 +84,7 @@ def test_ctrl_c_within_a_run_is_no_check_that_fails(
     assert (bench.mode, bench.get("Drive.Voltage")) == (Mode.OFF, 0.0)
 
 
-def test_who_drives_is_not_disturbed(bench: Stimulator) -> None:
+def test_self_test_is_refused_while_another_bench_drives(bench: Stimulator) -> None:
     bench.voltage = 5.0
     bench.mode = "open_loop"
     with pytest.raises(BenchError, match=r"the stimulator is in use: .* disarm\(\) first"):
@@ -114,7 +114,7 @@ def test_a_sound_plate_passes_with_any_noise_and_warmth(bench: Stimulator, seed:
         (FaultKind.GAIN, PICKUP, 750, {"sweep.gain"}),
     ],
 )
-def test_a_fault_fails_what_it_breaks(
+def test_self_test_fails_the_checks_of_each_broken_sensor(
     bench: Stimulator, kind: FaultKind, sensor: int, value: int, expected: set[str]
 ) -> None:
     assert broken(bench, kind, sensor, value) == expected
@@ -160,7 +160,7 @@ def test_a_finger_on_the_plate_fails(bench: Stimulator) -> None:
         ("Surplus measurements", "timing.surplus measurements"),
     ],
 )
-def test_what_the_node_counts_fails(bench: Stimulator, counter: str, name: str) -> None:
+def test_self_test_fails_on_counts_of_the_node(bench: Stimulator, counter: str, name: str) -> None:
     def count(cycles: int, _rows: list[Row]) -> None:
         bench._link._block.od[f"Cycle.{counter}"].count(300 if cycles == 1000 else 0)
 
@@ -235,7 +235,7 @@ def test_it_leaves_0_v_whatever_happens(
     assert bench.voltage == 3.0
 
 
-def test_the_fit_finds_what_the_formula_was_made_of() -> None:
+def test_self_test_fit_returns_the_parameters_of_its_formula() -> None:
     f = np.linspace(43200, 43500, 7)
     W = 40e-9 * 12.0 / (1 + 1j * 8e-4 * 2 * np.pi * (f - 43350.0))
     fit = ResonanceFit.from_sweep(f, W, 12.0)
@@ -260,6 +260,8 @@ def test_the_fit_finds_what_the_formula_was_made_of() -> None:
         ([1.0, 2.0, 3.0], [1.0, 1.0, 1.0], "does not change with the frequency"),
     ],
 )
-def test_what_is_no_sweep(f: list[float], W: list[complex], message: str) -> None:
+def test_self_test_fit_refuses_short_and_silent_sweeps(
+    f: list[float], W: list[complex], message: str
+) -> None:
     with pytest.raises(ValueError, match=message):
         ResonanceFit.from_sweep(f, W, 1.0)

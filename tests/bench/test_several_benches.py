@@ -100,7 +100,7 @@ def test_a_recording_that_ends_costs_a_run_no_row(
     assert types(node) == [255] * 4
 
 
-def test_who_ends_last_puts_the_types_back(
+def test_last_bench_restores_the_transmission_types(
     virtual: dict[str, Any],
     node: StimulatorNode,
     tmp_path: Path,
@@ -122,7 +122,7 @@ def test_who_ends_last_puts_the_types_back(
                 path.unlink()
 
 
-def test_types_that_a_tool_puts_back_without_asking_are_asked_for_anew(
+def test_bench_sets_types_anew_that_a_tool_put_back(
     virtual: dict[str, Any], node: StimulatorNode, tmp_path: Path
 ) -> None:
     with (
@@ -207,7 +207,7 @@ def test_a_bench_that_cannot_disarm_leaves_its_heartbeat_missed(
     assert node.od["Message"].value == "the heartbeat of a supervised node is lost"
 
 
-def test_a_watch_that_a_reset_has_cleared_is_set_up_by_the_next_arm(
+def test_arm_sets_up_a_heartbeat_watch_cleared_by_a_reset(
     virtual: dict[str, Any], node: StimulatorNode
 ) -> None:
     with connect(virtual) as bench:
@@ -220,7 +220,7 @@ def test_a_watch_that_a_reset_has_cleared_is_set_up_by_the_next_arm(
         assert watched(bench).count(BENCH_WATCH) == 1
 
 
-def test_the_heartbeat_has_a_node_id_of_its_own_for_each_of_16_stimulators_in_a_row() -> None:
+def test_bench_heartbeat_id_differs_for_16_stimulators_in_a_row() -> None:
     assert bench_id(32) == 127
     for first in range(1, 112):
         ids = [bench_id(node_id) for node_id in range(first, first + 16)]

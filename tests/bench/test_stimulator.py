@@ -81,7 +81,7 @@ def test_the_cof_of_both_sides_takes_one_read_and_two_writes(
     assert not [name for _, name in transfers[3:] if name in (left, right)]
 
 
-def test_an_object_takes_a_text_with_a_unit_or_the_displayed_number() -> None:
+def test_set_takes_text_with_unit_or_displayed_number() -> None:
     micro = [f"0.5 {sign}" for sign in ("um", "\N{MICRO SIGN}m", GREEK_UM)]
     with Stimulator.simulate("local") as bench:
         for name, texts, displayed in (
@@ -99,7 +99,7 @@ def test_an_object_takes_a_text_with_a_unit_or_the_displayed_number() -> None:
 
 
 @pytest.mark.parametrize("bench", ["bus"], indirect=True)
-def test_what_was_measured_is_written_as_near_as_an_object_goes(bench: Stimulator) -> None:
+def test_measured_float_is_written_as_the_nearest_count(bench: Stimulator) -> None:
     name = "Gauge null.Null of S1"
     assert [bench.nearest(name, mN) for mN in (0.04, -0.26, 3.14159)] == [0.0, -0.3, 3.1]
     bench.set(name, bench.nearest(name, 0.04))
@@ -116,7 +116,7 @@ def test_state_mode_and_laws_print_their_names(bench: Stimulator) -> None:
     assert f"{bench.mode:>5} {bench.mode:d} {bench.law:02X}" == "  OFF 0 00"
 
 
-def test_what_a_stimulator_and_a_trace_show_of_themselves() -> None:
+def test_repr_of_stimulator_and_trace() -> None:
     with Stimulator.simulate("local") as bench:
         trace = bench.run(0.05, experiment="trial.1", subject=2)
         assert repr(bench) == "<Stimulator over the local link>"
@@ -162,7 +162,7 @@ def test_a_preset_is_a_raw_value_or_a_text_with_a_unit(link: LinkName) -> None:
 
 
 @pytest.mark.parametrize("bench", ["bus"], indirect=True)
-def test_dir_shows_what_is_public(bench: Stimulator) -> None:
+def test_dir_lists_public_attributes_only(bench: Stimulator) -> None:
     names = dir(bench)
     assert [name for name in names if name.startswith("_")] == []
     assert {"amplitude", "connect", "finger", "mode", "record", "run", "simulate"} <= set(names)
@@ -207,7 +207,7 @@ def test_a_bench_that_is_closed_refuses_whatever_is_asked(link: LinkName) -> Non
     assert repr(bench).startswith("<Stimulator over the local ")
 
 
-def test_each_public_attribute_says_itself_what_it_is() -> None:
+def test_each_public_attribute_has_a_docstring() -> None:
     """The Python reference leaves out what has only the docstring of its type."""
     public = {name: value for name, value in vars(Stimulator).items() if not name.startswith("_")}
     assert {"cof", "law", "run", "texture", "voltage"} <= set(public)
@@ -233,7 +233,7 @@ DISARM = r": it is armed or running, disarm\(\) first$"
         ("Gauge zero.Zero of S1", "1 N"),
     ],
 )
-def test_what_is_refused_while_armed_says_what_to_do(
+def test_refusal_while_armed_names_the_next_step(
     bench: Stimulator, name: str, value: float | str
 ) -> None:
     bench.set("Limit.Voltage", "80 V")
@@ -247,7 +247,7 @@ def test_what_is_refused_while_armed_says_what_to_do(
 
 
 @pytest.mark.parametrize("mode", ["off", "open_loop"])
-def test_a_tare_while_armed_or_running_says_what_to_do(bench: Stimulator, mode: str) -> None:
+def test_tare_while_armed_or_running_names_the_next_step(bench: Stimulator, mode: str) -> None:
     bench.arm()
     if mode != "off":
         bench.mode = mode
@@ -259,7 +259,7 @@ def test_a_tare_while_armed_or_running_says_what_to_do(bench: Stimulator, mode: 
 
 
 @pytest.mark.parametrize("bench", ["bus"], indirect=True)
-def test_a_tare_under_a_force_that_has_latched_a_fault_names_the_fault(bench: Stimulator) -> None:
+def test_tare_under_a_latched_force_fault_names_the_fault(bench: Stimulator) -> None:
     bench.set("Limit.Normal force", "1 N")
     bench.tare()
     bench.finger.stroke(2, force=1.5, speed=50.0)
@@ -273,7 +273,7 @@ def test_a_tare_under_a_force_that_has_latched_a_fault_names_the_fault(bench: St
 
 
 @pytest.mark.parametrize("link", LINKS)
-def test_a_fault_without_sense_is_refused_with_the_range_of_its_value(link: LinkName) -> None:
+def test_injected_fault_out_of_range_is_refused_with_its_range(link: LinkName) -> None:
     with Stimulator.simulate(link, plate_inside=True) as bench:
         bench.set("Fault.Value", 20_001)
         with pytest.raises(RefusedError, match=r": Fault\.Value of gain is -10000 to 10000$"):
@@ -291,9 +291,7 @@ def test_a_run_has_a_row_a_millisecond(bench: Stimulator, seconds: float) -> Non
 
 
 @pytest.mark.parametrize("mode", ["open_loop", "amplitude", "amplitude_resonance", "friction"])
-def test_a_run_that_is_to_drive_at_once_drives_after_a_cycle_at_0_v(
-    bench: Stimulator, mode: str
-) -> None:
+def test_run_drives_after_one_cycle_at_0_v(bench: Stimulator, mode: str) -> None:
     bench.run(0.07)
     bench.voltage, bench.amplitude = 20.0, 1.0
     bench.start_run()
@@ -364,7 +362,7 @@ def test_a_sample_has_a_row_of_another_cycle_each_time(link: LinkName) -> None:
         assert bench.get("Cycle.Cycles") == 70
 
 
-def test_what_surroundings_are_not_given_stays() -> None:
+def test_surroundings_keep_values_not_given() -> None:
     with Stimulator.simulate("local", seed=7) as bench:
         names = ("Simulation.Seed", "Simulation.Ambient temperature", "Simulation.Drive instant")
         for given, expected in (
@@ -523,7 +521,7 @@ def test_a_run_says_that_it_ended_in_a_fault(bench: Stimulator) -> None:
 
 
 @pytest.mark.parametrize("bench", ["bus"], indirect=True)
-def test_who_has_read_the_state_has_been_told(bench: Stimulator) -> None:
+def test_fault_seen_by_reading_the_state_is_not_raised_again(bench: Stimulator) -> None:
     drive(bench)
     stick(bench)
     bench._link.run(30, [])
@@ -533,7 +531,7 @@ def test_who_has_read_the_state_has_been_told(bench: Stimulator) -> None:
 
 
 @pytest.mark.parametrize("bench", ["bus"], indirect=True)
-def test_who_was_refused_to_arm_has_been_told(bench: Stimulator) -> None:
+def test_fault_that_refused_an_arm_is_not_raised_again(bench: Stimulator) -> None:
     drive(bench)
     stick(bench)
     bench._link.run(30, [])
@@ -615,7 +613,7 @@ def test_presets_of_the_simulation_are_the_same_on_a_bus(inside: bool) -> None:
         (("Controlword", 3), FaultError),
     ],
 )
-def test_a_watchdog_that_trips_on_the_way_to_running_is_the_reason_given(
+def test_watchdog_before_running_is_the_reason_of_the_refusal(
     before: tuple[str, int], error: type[BenchError], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with Stimulator.simulate("local") as bench:

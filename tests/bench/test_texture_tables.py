@@ -39,7 +39,7 @@ def test_alternating_pixels_become_their_mean(count: int, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("count", [10, 4096, 8192, 50_000])
-def test_wide_picture_keeps_what_its_table_holds(count: int, tmp_path: Path) -> None:
+def test_wide_picture_keeps_the_mean_of_its_columns(count: int, tmp_path: Path) -> None:
     places = (np.arange(count) + 0.5) / count
     row = np.round(127.5 + 127.5 * np.sin(2 * np.pi * places))
     texture = Texture.from_picture(picture(row, tmp_path), 0, 0.3, 0.4, strict=True)
@@ -122,7 +122,7 @@ def test_last_cof_of_a_long_profile_is_held() -> None:
     assert texture.cof(200.0) == pytest.approx(0.5)
 
 
-def test_step_given_is_kept_and_what_is_cut_is_said() -> None:
+def test_table_step_is_kept_and_cut_detail_is_reported() -> None:
     x = np.linspace(-38, 38, 7601)
     cof = 0.35 + 0.05 * np.sin(2 * np.pi * x / 4)
     cut = "every 0.01 mm holds -20.48..20.47 mm of -38..38 mm, .*: step_mm=0.0186 holds all$"
@@ -138,7 +138,7 @@ def test_step_given_is_kept_and_what_is_cut_is_said() -> None:
     assert one_side.table.start == 10_000
 
 
-def test_frequency_rests_on_what_was_averaged_away(tmp_path: Path) -> None:
+def test_texture_frequency_includes_averaged_detail(tmp_path: Path) -> None:
     row = np.zeros(8192)
     row[::2] = 255
     with pytest.warns(UserWarning, match=LOST):

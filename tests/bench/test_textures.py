@@ -18,7 +18,7 @@ GRATING = Texture.grating(period_mm=2, low=0.25, high=0.4)
 LONGEST = Texture(TextureTable(Axis.POSITION, False, 0, 18_555, tuple(range(2000, 6096))))
 
 
-def test_a_texture_is_what_was_set_and_is_played(bench: Stimulator) -> None:
+def test_texture_is_kept_by_slot_and_played(bench: Stimulator) -> None:
     assert bench.texture is None
     bench.texture = LONGEST
     bench.texture_slot = 3
@@ -41,7 +41,7 @@ def test_a_texture_is_what_was_set_and_is_played(bench: Stimulator) -> None:
     assert bench.texture is None
 
 
-def test_what_cannot_be_played_is_refused_in_one_line(bench: Stimulator) -> None:
+def test_unplayable_texture_is_refused_in_one_line(bench: Stimulator) -> None:
     bench.run(0.07)
     with pytest.raises(
         RefusedError, match=r"^cannot play: texture slot 1 is empty: a script sets bench"
@@ -68,7 +68,7 @@ def test_what_cannot_be_played_is_refused_in_one_line(bench: Stimulator) -> None
     assert bench.texture == GRATING
 
 
-def test_the_frequency_of_a_texture_is_where_half_of_its_power_lies() -> None:
+def test_texture_frequency_is_at_half_of_its_power() -> None:
     for texture in (SINE, SQUARE, GRATING):
         assert texture.frequency(60.0) == pytest.approx(30.0)
         assert texture.frequency(120.0) == pytest.approx(60.0)
@@ -97,7 +97,7 @@ def test_a_texture_that_is_too_fast_to_be_followed_is_warned_of(bench: Stimulato
         bench.texture = Texture.profile([(0, 0.3), (0.0025, 0.4), (0.005, 0.3)], repeats=True)
 
 
-def test_the_bound_of_the_warning_is_below_each_bandwidth_of_the_page() -> None:
+def test_warning_bound_is_below_each_documented_bandwidth() -> None:
     page = Path(__file__).parents[2] / "docs" / "reference" / "bandwidth.md"
     rows = [
         line.split("|")[3:-1]
@@ -263,14 +263,14 @@ def test_pictures_without_matplotlib(
         (lambda: Texture.from_csv("x", time="t"), "give cof, or both lateral and normal, the co"),
     ],
 )
-def test_what_makes_no_texture_is_refused(make, reason: str) -> None:  # type: ignore[no-untyped-def]
+def test_texture_refuses_values_out_of_range(make, reason: str) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(ValueError) as refused:
         make()
     assert str(refused.value).startswith(reason)
 
 
 @pytest.mark.parametrize("bench", ["bus"], indirect=True)
-def test_the_bounds_are_what_the_stimulator_takes(bench: Stimulator) -> None:
+def test_texture_bounds_equal_those_of_the_stimulator(bench: Stimulator) -> None:
     widest = Texture.profile([(0, 0.05), (1, 2.0)])
     bench.texture = widest
     assert bench.texture == widest
@@ -374,7 +374,7 @@ def test_times_that_no_table_holds_are_refused_by_file(
         ('x,mu\n1,0.3\n2,"a\nb"\n', "line 4: column 'mu': 'a\\nb' is no finite number"),
     ],
 )
-def test_what_is_no_recording_is_refused(text: str, reason: str, tmp_path: Path) -> None:
+def test_texture_refuses_files_without_a_recording(text: str, reason: str, tmp_path: Path) -> None:
     path = tmp_path / "recording.csv"
     path.write_text(text)
     with pytest.raises(ValueError) as refused:
@@ -390,7 +390,7 @@ def test_what_is_no_recording_is_refused(text: str, reason: str, tmp_path: Path)
         ({"position": "x", "lateral": "Fx", "normal": "Fz"}, "COF 3 is outside 0.05..2"),
     ],
 )
-def test_a_recording_beyond_what_is_played_is_refused(
+def test_texture_refuses_recordings_beyond_its_range(
     columns: dict[str, str], reason: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "recording.csv"
@@ -408,7 +408,7 @@ def strokes(passes: int = 4) -> np.ndarray:
 
 
 @pytest.mark.parametrize("texture", [SINE, SQUARE])
-def test_what_follows_exactly(texture: Texture) -> None:
+def test_tracking_of_an_exact_follower_has_correlation_1(texture: Texture) -> None:
     x = strokes()
     found = track(texture, x, texture.cof(x))
     assert (found.passes, found.rms) == (4, 0.0)
@@ -471,7 +471,7 @@ def test_rows_of_unequal_length_are_refused(x: np.ndarray, mu: np.ndarray, shape
         track(SINE, x, mu)
 
 
-def test_what_is_not_measured_is_left_out() -> None:
+def test_tracking_leaves_out_unmeasured_samples() -> None:
     x = strokes()
     cof = SINE.cof(x)
     cof[::3] = np.nan

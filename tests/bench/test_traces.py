@@ -99,7 +99,7 @@ def test_it_is_drawn_into_a_figure_that_is_given(trace: Trace) -> None:
 
 
 @pytest.mark.parametrize("given", ["run.png", 3, []])
-def test_what_is_no_figure(trace: Trace, given: Any) -> None:
+def test_plot_refuses_figures_of_another_type(trace: Trace, given: Any) -> None:
     with pytest.raises(ValueError, match=r" is no figure of matplotlib$"):
         trace.plot(given)
 
@@ -113,7 +113,7 @@ def test_a_line_ends_where_ticks_are_missing(trace: Trace) -> None:
     assert (len(y), y[299], y[301]) == (491, trace.voltage_v[299], trace.voltage_v[310])
 
 
-def test_what_has_no_value_has_no_panel() -> None:
+def test_plot_omits_panels_without_values() -> None:
     """Without contact, as also a file of format 1 without position."""
     figure = Trace.from_rows("bare", 0, [(k, 0, 0, 1, 1, 1, 1, 1) for k in range(5)]).plot()
     assert [axes.get_ylabel() for axes in figure.axes] == PANELS[1:-1]

@@ -181,7 +181,7 @@ def test_data_longer_than_the_file_are_refused(sound: Path) -> None:
                 assert len(reader.numbers(reader.dataset("run"))) == ROWS
 
 
-def test_what_needs_too_much_memory_is_refused(
+def test_read_recording_refuses_files_beyond_its_memory(
     sound: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def exhausted(*_: object) -> None:

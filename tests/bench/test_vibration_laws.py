@@ -81,7 +81,7 @@ def test_a_dead_time_that_is_told_too_short_shows(
     assert overshoot(told) > 0.06
 
 
-def test_the_law_changes_while_it_runs_and_the_plate_does_not_notice(bench: Stimulator) -> None:
+def test_vibration_law_change_while_running_raises_no_fault(bench: Stimulator) -> None:
     begin(bench, 1, 540.0, 540.0)
     bench.amplitude = 1.0
     bench.mode = Mode.AMPLITUDE_RESONANCE

@@ -89,7 +89,7 @@ def test_a_stop_is_0_v_two_cycles_later_at_most(by_hand: ByHand, idle_ms: int) -
     assert by_hand.state == "ready"
 
 
-def test_a_stop_ends_what_is_being_simulated(by_hand: ByHand) -> None:
+def test_stop_ends_a_simulation_batch_within_a_cycle(by_hand: ByHand) -> None:
     """It comes in the third cycle of a batch of 50."""
     by_hand.line("voltage 40")
     by_hand.line("mode open_loop")
@@ -121,7 +121,7 @@ def test_a_stop_ends_what_is_being_simulated(by_hand: ByHand) -> None:
     assert now - cycles == 4
 
 
-def test_a_stop_takes_back_what_waits(by_hand: ByHand) -> None:
+def test_stop_drops_queued_commands(by_hand: ByHand) -> None:
     by_hand.bench.command(ME, "mode open_loop")
     by_hand.bench.stop()
     by_hand.go_on(0.1)
@@ -146,7 +146,7 @@ def test_the_end_of_an_instrument_is_0_v() -> None:
     assert bench.answer == "the panel has ended: stopped"
 
 
-def test_only_who_drives_commands_and_guides(by_hand: ByHand) -> None:
+def test_panel_takes_commands_and_guides_of_the_driver_alone(by_hand: ByHand) -> None:
     by_hand.bench.command(OTHER, "mode open_loop")
     by_hand.bench.guide(OTHER, 5.0, 1.0)
     by_hand.go_on(0.2)
@@ -155,7 +155,7 @@ def test_only_who_drives_commands_and_guides(by_hand: ByHand) -> None:
     assert by_hand.value("Contact.Normal force") == pytest.approx(0.0, abs=0.02)
 
 
-def test_what_waits_is_not_done_for_who_has_left(by_hand: ByHand) -> None:
+def test_panel_drops_queued_commands_of_a_page_that_has_left(by_hand: ByHand) -> None:
     by_hand.bench.command(ME, "mode open_loop")
     by_hand.bench.lease.drop(ME)
     by_hand.go_on(0.1)
@@ -171,7 +171,7 @@ def test_lines_are_obeyed_in_their_order_and_few_wait(by_hand: ByHand) -> None:
     assert voltage(by_hand.bench) == 20.0
 
 
-def test_the_finger_goes_where_it_is_guided_and_lifts_with_its_driver(by_hand: ByHand) -> None:
+def test_panel_finger_follows_its_driver_and_lifts_without_it(by_hand: ByHand) -> None:
     by_hand.line("cof 0.3 0.2")
     by_hand.line("mode friction")
     for step in range(200):
@@ -201,7 +201,7 @@ def test_a_stroke_and_the_hand_begin_new_runs_at_0_v(by_hand: ByHand) -> None:
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_what_is_broken_is_0_v_and_says_why(by_hand: ByHand, fault: str) -> None:
+def test_panel_failure_is_0_v_with_its_reason(by_hand: ByHand, fault: str) -> None:
     by_hand.bench.guide(ME, 0.0, 0.5)
     by_hand.line("amplitude 1")
     by_hand.line("mode amplitude_resonance")

@@ -180,7 +180,7 @@ def test_it_drives_a_bus_and_stops(node: StimulatorNode, multicast: dict[str, An
         assert process.end(signal.SIGTERM)[0] == 0
 
 
-def test_it_does_not_drive_what_another_bench_drives(
+def test_panel_refuses_to_drive_while_another_bench_drives(
     node: StimulatorNode, multicast: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Other benches take a panel for one of them: see the test before."""
@@ -216,7 +216,7 @@ def test_a_panel_that_is_killed_leaves_0_v(node: StimulatorNode, multicast: dict
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
-def test_an_instrument_that_fails_leaves_0_v_and_ends_the_command(
+def test_panel_command_ends_at_0_v_when_its_instrument_fails(
     node: StimulatorNode, multicast: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its thread ends, while the heartbeat of the bench would go on."""
@@ -250,7 +250,7 @@ def test_a_port_that_is_taken_is_one_line() -> None:
 
 
 @pytest.mark.parametrize("options", [("--drive",), ("--channel", "x"), ("--plate-node", "33")])
-def test_what_a_bus_needs_is_said(options: tuple[str, ...]) -> None:
+def test_panel_command_names_missing_bus_options(options: tuple[str, ...]) -> None:
     assert refused(*options) == "a bus needs --interface; without one a bench is simulated"
 
 
@@ -262,6 +262,6 @@ def test_every_address_is_none(host: str) -> None:
     assert refused("--host", host) == f"Invalid value: --host {said} is every address: name one"
 
 
-def test_without_aiohttp_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_panel_command_without_aiohttp_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("smarttac_can.cli.bench.find_spec", lambda _: None)
     assert refused() == "panel needs aiohttp: pip install 'smarttac-can[panel]'"

@@ -31,7 +31,7 @@ class CountedStops(SimulatedBench):
         super().stop(why)
 
 
-def test_a_page_shows_what_the_instrument_shows() -> None:
+def test_panel_page_shows_the_state_of_the_instrument() -> None:
     async def script(browser: Browser) -> None:
         async with browser.session.get(browser.url) as answer:
             text = await answer.text()
@@ -144,7 +144,7 @@ def test_a_page_that_talks_nonsense_is_closed_and_stopped(
     [b"\0\xff\r\n\r\n", b"GET / HTTP/1.1\r\n\r\n", b"GET / HTTP/1.1\r\nX: " + b"a" * 10_000,
      b"GET / HTTP/1.1\r\nHost: localhost\r\nHost: evil\r\n\r\n"],
 )  # fmt: skip
-def test_what_is_no_request_is_answered_and_not_logged(
+def test_panel_server_answers_bad_requests_without_a_log(
     request_: bytes, caplog: pytest.LogCaptureFixture
 ) -> None:
     async def script(browser: Browser) -> None:
@@ -258,7 +258,7 @@ def test_one_page_drives() -> None:
     browse(bench, script)
 
 
-def test_a_page_too_many_takes_the_place_of_one_without_the_token() -> None:
+def test_panel_page_above_the_limit_replaces_one_without_token() -> None:
     async def script(browser: Browser) -> None:
         async with AsyncExitStack() as stack:
             driver = await stack.enter_async_context(browser.page())

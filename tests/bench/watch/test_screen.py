@@ -137,7 +137,7 @@ def drive_late(screen: WatchScreen, begin: threading.Event) -> str:
 
 
 @pytest.mark.usefixtures("node")
-def test_the_stop_does_not_wait_for_what_is_being_done(virtual: dict[str, Any]) -> None:
+def test_watch_stop_goes_out_while_a_command_hangs(virtual: dict[str, Any]) -> None:
     """While the one worker hangs the stop goes out, and what it does afterwards is undone."""
 
     async def script(pilot: Pilot[None], screen: WatchScreen) -> None:
@@ -247,7 +247,7 @@ def test_set_points_take_units_as_at_the_bench() -> None:
         ("mode texture", "cannot play: texture slot 1 is empty: a script sets bench.texture first"),
     ],
 )
-def test_what_is_wrong_is_told_in_one_line(text: str, reason: str) -> None:
+def test_watch_command_reports_errors_in_one_line(text: str, reason: str) -> None:
     with Stimulator.simulate("local") as bench:
         with pytest.raises((ValueError, BenchError)) as refusal:
             obey(bench, text)

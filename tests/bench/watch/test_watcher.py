@@ -28,7 +28,7 @@ SDO_REQUESTS = 0x620
 UPLOAD = 0x40
 
 
-def test_every_fault_says_what_to_do() -> None:
+def test_each_fault_of_the_watch_names_the_next_step() -> None:
     latched = {"Diagnosis.Latched": sum(1 << watchdog for watchdog in Watchdog)}
     view = view_of(OD, {}, latched)
     assert len(view.latched) == len(view.remedies) == len(Watchdog)
@@ -101,7 +101,7 @@ def regulated() -> Iterator[tuple[Scene, View]]:
     scene.bus.shutdown()
 
 
-def test_what_is_shown_is_what_the_node_has(regulated: tuple[Scene, View]) -> None:
+def test_watcher_shows_the_values_of_the_node(regulated: tuple[Scene, View]) -> None:
     scene, view = regulated
     assert (view.state, view.mode, view.latched, view.notes) == ("running", "friction", (), ())
     assert view.flags == ("live", "driving", "touching")
@@ -316,7 +316,7 @@ def test_a_view_fits_a_terminal_of_80_by_24(regulated: tuple[Scene, View]) -> No
     assert laid[6].text.count("O") + laid[7].text.count("O") == 1
 
 
-def test_a_terminal_that_is_too_small_is_told_what_is_needed() -> None:
+def test_watch_on_a_small_terminal_names_the_needed_size() -> None:
     view = Watcher(OD).view(0.0)
     for columns, height, below, needs in (
         (LEAST_COLUMNS - 1, LEAST_LINES, 0, "72 x 20"),
