@@ -165,7 +165,7 @@ def test_charts_move_pause_and_are_saved(browser: Tab) -> None:
         assert height > 600
 
 
-def test_the_cursor_is_under_the_mouse_in_all_charts_and_shows_their_values(browser: Tab) -> None:
+def test_panel_cursor_follows_the_mouse_and_shows_values(browser: Tab) -> None:
     with served(SimulatedBench()) as url:
         browser.open(url)
         browser.click("Strokes by itself")
@@ -206,7 +206,7 @@ def test_the_cursor_is_under_the_mouse_in_all_charts_and_shows_their_values(brow
         assert run("return changed()") == [[]] * 5
 
 
-def test_laws_and_texture_are_what_is_set(browser: Tab) -> None:
+def test_panel_shows_the_laws_and_texture_in_force(browser: Tab) -> None:
     with served(SimulatedBench()) as url:
         browser.open(url)
 
