@@ -123,7 +123,7 @@ def test_advance_without_sync_lets_timers_run_tick_by_tick() -> None:
         bus.advance(-1)
 
 
-def test_sync_moves_who_is_in_lockstep_but_its_producer() -> None:
+def test_local_bus_sync_moves_lockstep_nodes_but_its_producer() -> None:
     bus = LocalBus()
     producer, clocked, follower = ToyNode(1), ToyNode(2), ToyNode(3)
     port = bus.attach(producer)
@@ -184,7 +184,7 @@ def test_long_run_driven_from_inside_a_listener_is_no_storm() -> None:
     assert bus.time >= ticks * 1000
 
 
-def test_error_of_a_listener_reaches_the_sender_and_nothing_stays_queued() -> None:
+def test_listener_error_reaches_the_sender_with_an_empty_queue() -> None:
     bus = LocalBus()
 
     def fail(frame: Frame) -> None:
@@ -203,7 +203,7 @@ def test_error_of_a_listener_reaches_the_sender_and_nothing_stays_queued() -> No
     assert inbox == [Frame(REPLY + 1, b"good")]
 
 
-def test_what_no_can_frame_can_be_is_refused() -> None:
+def test_local_bus_refuses_long_frames_and_bit_rate_0() -> None:
     port = LocalBus().connect(lambda frame: None)
     with pytest.raises(ValueError, match=r"9 data bytes are outside 0\.\.8"):
         port.send(Frame(1, bytes(9)))

@@ -99,7 +99,7 @@ def test_scale_unit_sign_and_limits() -> None:
     assert emergency["Error_code"] == 0x8130
 
 
-def test_what_is_off_is_left_out() -> None:
+def test_dbc_omits_disabled_pdos() -> None:
     names = {message.name for message in load(make_dbc(load_eds(RICH, 5))).messages}
     assert "Conformance_probe_5_TPDO3" in names
     assert not {f"Conformance_probe_5_{pdo}" for pdo in ("RPDO3", "TPDO4", "TPDO5")} & names
@@ -140,7 +140,7 @@ def test_mode_state_and_statusword_have_names() -> None:
     }  # fmt: skip
 
 
-def test_what_drives_is_encoded_by_name() -> None:
+def test_dbc_encodes_drives_by_signal_name() -> None:
     database = named()
     arm = dict.fromkeys(("run", "quick_stop", "fault_reset"), 0) | {"arm": 1}
     words = {f"Controlword_{name}": bit for name, bit in arm.items()}

@@ -68,7 +68,7 @@ def test_the_values_are_in_force() -> None:
 @pytest.mark.parametrize(
     ("given", "raw"), [("80 V", 8000), ("0.08 kV", 8000), ("55 mV", 6), ("80", 80), ("0x50", 80)]
 )
-def test_a_value_with_a_unit_is_what_the_bench_makes_of_it(given: str, raw: int) -> None:
+def test_dcf_value_with_unit_equals_that_of_the_bench(given: str, raw: int) -> None:
     assert load_eds(dcf(RICH, Setpoint__Voltage=given), 9)["Setpoint.Voltage"].default == raw
 
 
@@ -120,7 +120,9 @@ def test_a_dcf_becomes_that_of_another_node() -> None:
         ("2100sub1", "1 volt", "'1 volt' is neither"),
     ],
 )
-def test_what_it_refuses(name: str, value: str, message: str) -> None:
+def test_dcf_refuses_unknown_objects_and_values_out_of_range(
+    name: str, value: str, message: str
+) -> None:
     with pytest.raises(ValueError, match=message):
         dcf(RICH, **{name: value})
 

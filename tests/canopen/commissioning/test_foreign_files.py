@@ -107,7 +107,7 @@ def test_an_xdd_is_called_an_xdd(tmp_path: Path) -> None:
         ("CompactSubObj=x", "CompactSubObj=x"),
     ],
 )
-def test_what_cannot_be_loaded_is_named_by_its_line(wrong: str, line: str) -> None:
+def test_dcf_value_that_cannot_be_loaded_is_named_by_its_line(wrong: str, line: str) -> None:
     key = wrong.partition("=")[0]
     body = [f"[{0x2010:X}]", "ParameterName=X", "ObjectType=8", "DataType=7", "AccessType=rw"]
     body = [wrong if item.startswith(f"{key}=") else item for item in body]

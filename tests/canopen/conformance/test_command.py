@@ -83,7 +83,7 @@ def test_results_on_stdout_are_alone_there(conform: Conform) -> None:
     assert result.stderr.splitlines()[0] == "pass  SDO-01    Expedited upload"
 
 
-def test_a_report_that_cannot_be_written_is_refused_before_a_bus_is_opened(
+def test_conform_refuses_an_unwritable_report_before_the_bus(
     conform: Conform, tmp_path: Path
 ) -> None:
     report = tmp_path / "no" / "report.md"

@@ -89,7 +89,7 @@ def test_no_rest_of_the_examiner_makes_a_case_fail(rest: float) -> None:
     ]
 
 
-def test_what_waits_behind_other_frames_is_found_after_a_rest() -> None:
+def test_examiner_finds_its_answer_behind_queued_frames() -> None:
     now = [0.0]
     waiting = deque([Frame(0x705, b"\x05")] * 50 + [Frame(0x585, bytes(8))])
 

@@ -100,13 +100,13 @@ def in_order(expected: str) -> str:
 
 
 @pytest.mark.parametrize("fault", OUTWARDS)
-def test_fault_in_what_the_device_sends(fault: str) -> None:
+def test_conform_fails_faults_in_sent_frames(fault: str) -> None:
     change, expected = OUTWARDS[fault]
     assert numbers(failed(judge(outwards=change, only=expected))) == in_order(expected)
 
 
 @pytest.mark.parametrize("fault", INWARDS)
-def test_fault_in_what_the_device_makes_of_a_frame(fault: str) -> None:
+def test_conform_fails_faults_in_handling_of_frames(fault: str) -> None:
     change, expected = INWARDS[fault]
     assert numbers(failed(judge(inwards=change, only=expected))) == in_order(expected)
 

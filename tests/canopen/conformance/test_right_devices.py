@@ -206,13 +206,13 @@ def test_write_back_leaves_out_the_objects_of_communication() -> None:
 
 
 @pytest.mark.parametrize("index", [0x2110, 0x2111, 0x2120])
-def test_scan_does_not_write_what_obj_flags_refuse(index: int) -> None:
+def test_conform_scan_writes_no_object_refused_by_objflags(index: int) -> None:
     only = "OD-04 OD-06 OD-07"
     assert index in writes(RICH, only)
     assert index not in writes(edited(**{f"s{index:X}": "ObjFlags=1"}), only)
 
 
-def test_scan_does_not_read_what_obj_flags_refuse() -> None:
+def test_conform_scan_reads_no_object_refused_by_objflags() -> None:
     seen = set()
 
     def spy(frame: Frame) -> Iterator[Frame]:

@@ -18,7 +18,7 @@ def test_every_group_has_its_cases_numbered_without_gap() -> None:
     ]
 
 
-def test_every_case_says_what_it_looks_at_and_by_which_rule() -> None:
+def test_every_conformance_case_names_its_subject_and_clause() -> None:
     for case in CASES:
         assert 3 <= len(case.title) <= 60, case
         assert len(case.rule) > 20, case

@@ -67,7 +67,7 @@ def test_inhibit_time() -> None:
     )
 
 
-def test_stopped_sends_only_the_latest_afterwards_but_remembers_all() -> None:
+def test_emcy_after_stopped_is_the_latest_and_history_has_all() -> None:
     device = started()
     play(device, "> 000 02 20")
     device.emergency(0xFF01, 0x80)
@@ -120,7 +120,7 @@ def test_a_flood_is_bounded() -> None:
         (1, 0, bytes(6), r"vendor of 6 bytes is outside 0\.\.5"),
     ],
 )
-def test_what_fits_in_no_frame_is_refused(
+def test_emcy_refuses_fields_beyond_a_frame(
     code: int, register: int, vendor: bytes, message: str
 ) -> None:
     with pytest.raises(ValueError, match=message):
@@ -131,7 +131,7 @@ STATES = {0: NMTState.PRE_OPERATIONAL, 1: NMTState.OPERATIONAL, 2: NMTState.STOP
 
 
 @pytest.mark.parametrize("behaviour", STATES)
-def test_what_a_communication_error_does(behaviour: int) -> None:
+def test_communication_error_behaviour_1029h_sets_the_nmt_state(behaviour: int) -> None:
     device = started()
     assert download(device, 0x1029, 1, behaviour, 1) == 0
     device.bus_off()

@@ -7,7 +7,7 @@ from smarttac_can.canopen.device.nmt import NMTState
 WATCH_NODE_5_FOR_20_MS = "> 620 23 16 10 01 14 00 05 00\n< 5A0 60 16 10 01 00 00 00 00\n"
 
 
-def test_neither_a_late_call_nor_a_change_of_state_is_a_heartbeat_more() -> None:
+def test_heartbeat_is_not_added_by_late_call_or_state_change() -> None:
     device = started()
     assert download(device, 0x1017, 0, 10, 2) == 0
     play(device, "> 000 80 20\n+ 35ms\n< 720 7F\n+ 4ms\n+ 1ms\n< 720 7F")
@@ -29,9 +29,7 @@ def period(ms: int) -> str:
         (period(10) + period(0), "100x + 1ms"),
     ],
 )
-def test_a_period_that_is_written_sends_a_heartbeat_at_once_and_begins_anew(
-    written: str, goes_on: str
-) -> None:
+def test_heartbeat_goes_out_at_once_when_1017h_is_written(written: str, goes_on: str) -> None:
     play(started(), written + goes_on)
 
 
@@ -88,7 +86,7 @@ def test_switching_the_watch_off_takes_the_error_back() -> None:
     )
 
 
-def test_another_time_for_the_same_node_counts_from_its_last_heartbeat() -> None:
+def test_consumer_time_written_anew_counts_from_last_heartbeat() -> None:
     device = started()
     play(
         device,
@@ -123,7 +121,7 @@ def test_an_entry_that_is_not_in_use_clears_no_loss_of_another() -> None:
     play(device, "> 705 05\n< 0A0 00 00 00 00 00 00 00 00")
 
 
-def test_a_time_that_is_shortened_again_and_again_does_not_postpone_the_loss() -> None:
+def test_consumer_time_shortened_repeatedly_keeps_its_deadline() -> None:
     device = started()
     download(device, 0x1016, 1, 0x5_0000 | 100, 4)
     device.receive(Frame(0x705, b"\5"))

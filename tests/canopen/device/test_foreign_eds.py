@@ -159,7 +159,7 @@ def test_compactpdo_has_the_subindices_of_its_mask(mask: str, present: tuple[int
     assert device.take() == [Frame(0x189, b"\x34\x12")]
 
 
-def test_compactpdo_completes_what_is_described() -> None:
+def test_compactpdo_adds_the_missing_record_of_a_pdo() -> None:
     """It counts a PDO of which one record has a section, and adds the other record."""
     text = small_eds(STATUS + mapping("1A01", "rw", "1", "0x20000010"), info="CompactPDO=3\n", tx=2)
     device = started(text)

@@ -65,7 +65,7 @@ def test_an_object_is_written_only_while_their_number_is_0(kind: int) -> None:
         (0x00000000, 0, 0),  # clears the place
     ],
 )
-def test_what_can_be_mapped(value: int, tpdo: int, rpdo: int) -> None:
+def test_pdo_mapping_takes_mappable_objects_only(value: int, tpdo: int, rpdo: int) -> None:
     device = started()
     for kind, code in ((0x1800, tpdo), (0x1400, rpdo)):
         mapping = opened(device, kind=kind)
@@ -92,7 +92,7 @@ def test_pdo_of_nothing_is_neither_sent_nor_heard() -> None:
     play(device, "! 1\n> 220\n> 220 01")
 
 
-def test_default_mapping_that_cannot_be_resolved_disables_the_pdo() -> None:
+def test_unresolvable_default_mapping_disables_the_pdo() -> None:
     text = RICH.replace("0x21200020", "0x29990020", 1)
     device = Device(read_once(text, 0x20))
     device.start()

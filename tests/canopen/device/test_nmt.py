@@ -46,13 +46,13 @@ def test_the_application_hears_of_each_change_once() -> None:
 @pytest.mark.parametrize(
     "text", ["000 01 21", "000 01", "000 01 20 00", "000 03 20", "000 00 20", "000 rtr", "000"]
 )
-def test_what_is_no_command_to_this_node_is_ignored(text: str) -> None:
+def test_nmt_ignores_malformed_and_foreign_commands(text: str) -> None:
     device = started(operational=False)
     play(device, f"> {text}")
     assert device.nmt_state == NMTState.PRE_OPERATIONAL
 
 
-def test_parameters_put_in_at_reset_are_in_force_from_the_boot_up_on() -> None:
+def test_parameters_set_at_reset_hold_from_the_boot_up_on() -> None:
     class Restored(Application):
         def on_state(self, state: NMTState) -> None:
             if state is NMTState.RESET_COMMUNICATION:

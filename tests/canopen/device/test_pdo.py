@@ -31,7 +31,7 @@ def test_values_are_in_before_the_application_hears_of_it() -> None:
     assert od["Setpoint.Frequency"].value == 0x4235A0
 
 
-def test_what_the_application_triggers_goes_out_with_the_rpdo() -> None:
+def test_tpdo_triggered_by_the_application_follows_the_rpdo() -> None:
     class Loop(Application):
         def on_rpdo(self, number: int) -> None:
             device.od["Counter"].value += number
@@ -133,7 +133,7 @@ def test_deadline() -> None:
     play(device, "> 000 80 20\n< 0A0 00 00 00 00 00 00 00 00\n+ 100ms")
 
 
-def test_deadlines_are_latched_per_rpdo_and_reset_when_all_are_clear() -> None:
+def test_rpdo_deadlines_latch_each_and_reset_when_all_are_clear() -> None:
     device = started()
     for record in (0x1400, 0x1401):
         assert download(device, record, 5, 10, 2) == 0
@@ -205,7 +205,7 @@ def test_a_broken_pdo_leaves_the_one_that_waits_for_sync() -> None:
 @pytest.mark.parametrize(
     ("subindex", "value", "size", "left"), [(5, 30, 2, 11), (5, 20, 2, 1), (2, 254, 1, 1)]
 )
-def test_a_deadline_counts_from_the_last_pdo_whatever_is_written_meanwhile(
+def test_rpdo_deadline_counts_from_the_last_pdo_despite_writes(
     subindex: int, value: int, size: int, left: int
 ) -> None:
     application = Log()

@@ -138,7 +138,7 @@ def test_lost_segments_are_sent_again(
 
 
 @pytest.mark.parametrize("block_size", [1, 127])
-def test_a_client_that_acknowledges_nothing_again_and_again_is_aborted(block_size: int) -> None:
+def test_sdo_block_upload_aborts_after_repeated_zero_ackseq(block_size: int) -> None:
     device = started()
     assert write_block(device, TEXT[:1000]) == 0
 

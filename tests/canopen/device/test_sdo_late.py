@@ -101,7 +101,7 @@ def test_a_sub_block_is_confirmed_once() -> None:
     assert device.od["Texture"].value == b"0123456789:;<="
 
 
-def test_the_rest_of_a_confirmed_sub_block_is_late_after_the_abort_too() -> None:
+def test_sdo_segments_of_a_confirmed_block_are_late_after_abort() -> None:
     device = started()
     play(
         device,
@@ -138,7 +138,7 @@ def test_the_request_that_crosses_an_abort_has_its_answer(request_: str) -> None
 
 
 @pytest.mark.parametrize("request_", ["E0", "FF"])
-def test_what_is_no_request_of_a_transfer_is_not_late(request_: str) -> None:
+def test_sdo_request_outside_a_transfer_is_not_late(request_: str) -> None:
     play(started(), DEAD_UPLOAD + f"> 620 {request_}{' 00' * 7}\n" + BELONGS_TO_NOTHING)
 
 

@@ -50,7 +50,7 @@ def texture(size: int = 45, *, operational: bool = True) -> Device:
         "+ 999ms\n+ 1ms\n< 5A0 80 00 23 00 00 00 04 05",
     ],
 )
-def test_what_ends_the_transfer_ends_the_segments(end: str) -> None:
+def test_sdo_segments_end_with_the_transfer(end: str) -> None:
     play(texture(), START + FIRST_TWO + end + "\n? 200\n? 200", at_once=False)
 
 
@@ -63,7 +63,7 @@ def test_a_server_switched_off_has_nothing_more_to_send() -> None:
     play(device, "? 200\n+ 3000ms", at_once=False)
 
 
-def test_the_time_out_begins_anew_with_each_segment_that_the_bus_takes() -> None:
+def test_sdo_time_out_restarts_with_each_segment_taken() -> None:
     play(
         texture(),
         START

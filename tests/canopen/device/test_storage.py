@@ -79,7 +79,7 @@ def test_defaults_follow_the_node_id_of_the_day() -> None:
     assert other.od.number(0x1800, 2) == 1
 
 
-def test_what_the_application_puts_in_is_not_stored() -> None:
+def test_storage_omits_values_set_by_the_application() -> None:
     class Preset(Application):
         def on_state(self, state: NMTState) -> None:
             if state is NMTState.RESET_APPLICATION:
@@ -130,7 +130,7 @@ def test_foreign_parameters_give_defaults_and_an_emergency(data: bytes) -> None:
     assert powered(memory).od.number(0x1001) == 0
 
 
-def test_verify_configuration_tells_whether_the_stored_one_is_that_which_was_signed() -> None:
+def test_verify_configuration_compares_the_stored_signature() -> None:
     memory = Memory()
     device = powered(memory)
 

@@ -23,7 +23,7 @@ def test_counting_starts_anew_in_operational() -> None:
     play(device, "> 080\n> 080\n> 000 80 20\n> 080\n> 000 01 20\n> 080\n> 080\n> 080\n< 2A0 ..")
 
 
-def test_rpdo_is_latched_then_the_application_runs_then_tpdos_are_sampled() -> None:
+def test_sync_latches_rpdos_then_calls_application_then_samples() -> None:
     application = Order()
     device = started(application)
     reconfigure(device, 2, transmission=1)
@@ -60,7 +60,7 @@ def test_producer() -> None:
     play(device, "+ 4ms\n+ 1ms\n< 080\n> 000 02 20\n+ 20ms")
 
 
-def test_producer_counts_from_1_to_the_overflow_and_from_1_after_stopped() -> None:
+def test_sync_counter_restarts_at_1_after_overflow_and_stopped() -> None:
     device = started(operational=False)
     assert download(device, 0x1019, 0, 3, 1) == 0
     assert download(device, 0x1006, 0, 1000, 4) == 0
@@ -152,7 +152,7 @@ def test_after_a_late_sync_the_next_comes_a_whole_period_later() -> None:
     assert produced(device, 1)
 
 
-def test_an_application_with_nothing_to_sample_keeps_synchronous_tpdos_back() -> None:
+def test_synchronous_tpdos_wait_for_an_application_with_a_sample() -> None:
     class Silent(Application):
         measures = False
 
@@ -187,7 +187,7 @@ def test_reserved_bits_are_ignored() -> None:
     assert device.time == 3 * DAY_US + DAY_US // 2
 
 
-def test_what_is_no_time() -> None:
+def test_time_stamp_ignores_short_remote_and_foreign_frames() -> None:
     device = started()
     play(device, "> 100 00 2E 93 02 03\n> 100 rtr\n> 101 00 2E 93 02 03 00")
     assert device.time is None

@@ -174,7 +174,7 @@ def test_a_short_download_beside_a_long_one() -> None:
 
 @pytest.mark.parametrize("end", ["620 80 61 20 01 00 00 00 08", "5A0 80 61 20 01 30 00 09 06"])
 @pytest.mark.parametrize("after", [1, 2, 3, 60, -1])
-def test_what_was_aborted_was_not_taken(end: str, after: int) -> None:
+def test_aborted_download_is_not_heard_as_written(end: str, after: int) -> None:
     for frames in (block_frames(LONG_DATA), list(requests.downloading(0x20, TABLE, LONG_DATA))):
         assert heard([*frames[:after], frame(end), *frames[after:][-1:]]) == []
         assert heard([*frames[:after], frame(end), *frames]) == [((0x2061, 1), LONG_DATA)]
@@ -207,7 +207,7 @@ def test_an_upload_beside_a_block_download_is_none_and_leaves_it() -> None:
     assert taken == ((0x2061, 1), LONG_DATA)
 
 
-def test_what_was_not_heard_is_missing() -> None:
+def test_lost_segment_is_missing_in_a_heard_download() -> None:
     frames = block_frames(LONG_DATA)
     (taken,) = heard([*frames[:8], *frames[9:]])
     assert taken == ((0x2061, 1), LONG_DATA[:42] + LONG_DATA[49:])
@@ -234,5 +234,5 @@ def test_a_transfer_without_an_end_is_given_up(monkeypatch: pytest.MonkeyPatch) 
         ("620 40 01 20", None),
     ],
 )
-def test_what_a_frame_asks_to_read(text: str, address: tuple[int, int] | None) -> None:
+def test_upload_request_names_its_object(text: str, address: tuple[int, int] | None) -> None:
     assert requests.asked(frame(text), 0x20) == address

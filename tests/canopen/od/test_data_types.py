@@ -67,7 +67,9 @@ def test_wrong_length_is_refused(data_type: DataType) -> None:
         (DataType.UNICODE_STRING, b"\x00\xd8", AbortCode.VALUE),
     ],
 )
-def test_what_is_no_character_is_refused(data_type: DataType, data: bytes, code: int) -> None:
+def test_visible_string_refuses_other_characters(
+    data_type: DataType, data: bytes, code: int
+) -> None:
     with pytest.raises(Abort) as refusal:
         unpack(data_type, data)
     assert refusal.value.code == code
@@ -96,7 +98,7 @@ def test_real_bounds_can_be_packed_and_are_finite(data_type: DataType) -> None:
         assert unpack(data_type, pack(data_type, bound)) == bound
 
 
-def test_each_text_that_is_served_is_taken_when_it_is_written_back() -> None:
+def test_each_text_that_is_read_may_be_written_back() -> None:
     """A client that writes back all that it has read is refused nothing."""
     for data_type in (DataType.VISIBLE_STRING, DataType.UNICODE_STRING):
         for code in (*range(256), 0x20AC, 0xD800, 0x1F600):

@@ -69,6 +69,6 @@ def test_reset_touches_only_its_range() -> None:
     assert (first.value, second.value) == (500, 3)
 
 
-def test_abort_says_what_it_is() -> None:
+def test_abort_text_names_its_code() -> None:
     assert str(Abort(AbortCode.TOO_HIGH)) == "abort 06090031: value written too high"
     assert str(Abort(0x08001234)) == "abort 08001234: manufacturer specific"

@@ -125,7 +125,7 @@ def test_default_that_cannot_be_interpreted(text: str, data_type: str, message: 
     ("text", "taken"),
     [("5 µm", "5 ?m"), ("a\tµ", "a\t?"), ("Prüfstand", "Pr?fstand")],
 )
-def test_characters_that_a_visible_string_cannot_hold_are_replaced(text: str, taken: str) -> None:
+def test_eds_replaces_characters_beyond_visible_string(text: str, taken: str) -> None:
     od = load_eds(var(f"DefaultValue={text}", data_type="0x0009"), 1)
     assert f"[2000] value {text!r} is no VISIBLE_STRING, {taken!r} is taken instead" in od.warnings
     assert od["X"].value == od["X"].default == taken
@@ -200,7 +200,7 @@ def test_unknown_unit_gives_a_warning_and_stays_in_the_name() -> None:
         (var("ObjectType=0x77"), "objecttype 0x77 is not supported"),
     ],
 )
-def test_what_cannot_be_interpreted_is_refused(text: str, message: str) -> None:
+def test_eds_refuses_values_without_a_meaning(text: str, message: str) -> None:
     with pytest.raises(EDSError, match=message):
         load_eds(text, 1)
 
@@ -311,7 +311,7 @@ def test_the_sub_indices_of_a_device_are_bounded(monkeypatch: pytest.MonkeyPatch
         (["[20\x9b]"], r"line 8: '\\x9b' is a control character"),
     ],
 )
-def test_what_no_data_sheet_needs_is_refused(lines: list[str], message: str) -> None:
+def test_eds_refuses_entries_beyond_any_device(lines: list[str], message: str) -> None:
     body = ["ParameterName=X"] if not lines[0].startswith("ParameterName") else []
     text = eds("[2000]", *body, "DataType=7", "AccessType=rw", *lines)
     with pytest.raises(EDSError, match=message) as caught:

@@ -106,7 +106,7 @@ def test_a_counter_begins_anew() -> None:
     assert entry.value == 2
 
 
-def test_quantise_refuses_what_has_no_nearest_integer() -> None:
+def test_quantise_refuses_nan_and_real32() -> None:
     with pytest.raises(ValueError, match="NaN"):
         voltage().quantise(float("nan"))
     with pytest.raises(TypeError, match="Ratio is REAL32, not an integer"):

@@ -61,7 +61,7 @@ def test_a_heartbeat_comes_twice_in_the_second_that_lely_waits(path: Path) -> No
     assert 0 < od["Producer heartbeat time"].default <= 500
 
 
-def test_an_inhibit_time_bounds_what_a_fault_may_send() -> None:
+def test_emcy_inhibit_time_bounds_the_frames_of_a_fault() -> None:
     od = load_eds((ROOT / "eds" / "stimulator.eds").read_text(encoding="ascii"), 32)
     assert od["Inhibit time EMCY"].default == 10, "1 ms"
     # A stimulator trips by the emergencies of its plate, and a second one must not come late.

@@ -25,7 +25,7 @@ def entries() -> list[Entry]:
 
 
 @given(st.lists(st.tuples(*[st.floats(-1.0, 1.0)] * 3), min_size=1))
-def test_on_demand_is_what_would_have_been_written(rows: list[tuple[float, ...]]) -> None:
+def test_scaling_on_demand_equals_scaling_at_once(rows: list[tuple[float, ...]]) -> None:
     eager, lazy = entries(), entries()
     quantiser, on_demand = Quantiser(eager), QuantisedOnDemand(lazy)
     for row in rows:
@@ -43,7 +43,7 @@ def test_both_round_and_clip_as_an_entry_does(si: float) -> None:
     assert [entry.value for entry in eager] == [entry.read() for entry in lazy] == wanted
 
 
-def test_the_defaults_are_there_before_a_row_is_and_after_a_reset() -> None:
+def test_scaled_row_has_defaults_before_a_row_and_after_reset() -> None:
     row = entries()
     on_demand = QuantisedOnDemand(row)
     assert [entry.read() for entry in row] == [0, 250, 0]
@@ -53,7 +53,7 @@ def test_the_defaults_are_there_before_a_row_is_and_after_a_reset() -> None:
     assert [entry.read() for entry in row] == [0, 250, 0]
 
 
-def test_a_computed_entry_holds_nothing_that_could_be_out_of_date() -> None:
+def test_computed_entry_holds_no_stale_value() -> None:
     row = entries()
     on_demand = QuantisedOnDemand(row)
     od = ObjectDictionary(

@@ -26,7 +26,7 @@ def test_frame_bits_are_those_of_davis(size: int, bits: int) -> None:
 
 
 @pytest.mark.parametrize("size", [-1, 9])
-def test_frame_bits_refuse_what_is_no_frame(size: int) -> None:
+def test_frame_bits_refuses_lengths_beyond_8_bytes(size: int) -> None:
     with pytest.raises(ValueError, match=rf"data_bytes {size} is outside 0..8"):
         frame_bits(size)
 

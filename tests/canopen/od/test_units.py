@@ -72,7 +72,7 @@ def test_a_factor_that_no_float_holds_is_refused(inside: str) -> None:
     "parameter_name",
     ["X [reserved]", "X [1]", "X []", "X [0.0 mV]", "X [mmm]", "X [low.byte]", "X [-1 mV]"],
 )
-def test_what_is_no_unit_is_refused(parameter_name: str) -> None:
+def test_unit_refuses_unknown_symbols(parameter_name: str) -> None:
     with pytest.raises(ValueError, match="is not known"):
         split_name(parameter_name)
 
@@ -89,7 +89,7 @@ def test_what_is_no_unit_is_refused(parameter_name: str) -> None:
         ("1\N{NO-BREAK SPACE}um", quantity("1", "um")),
     ],
 )
-def test_what_a_person_writes(text: str, read: Quantity) -> None:
+def test_quantity_reads_numbers_as_typed(text: str, read: Quantity) -> None:
     assert Quantity.parse(text) == read
 
 
@@ -118,7 +118,7 @@ def test_micro_may_be_u_or_the_sign_or_the_greek_letter(micro: str) -> None:
         "1 \N{GREEK SMALL LETTER NU}m",
     ],
 )
-def test_what_a_person_does_not_write(text: str) -> None:
+def test_quantity_refuses_malformed_numbers(text: str) -> None:
     with pytest.raises(ValueError, match="is not"):
         Quantity.parse(text)
 
