@@ -110,7 +110,7 @@ def test_a_boot_up_is_no_state(virtual: dict[str, Any], node: StimulatorNode) ->
     assert said["nmt"] == node.device.nmt_state.name.lower().replace("_", "-")
 
 
-def test_who_drives_is_named(virtual: dict[str, Any], node: StimulatorNode) -> None:
+def test_status_names_the_commander(virtual: dict[str, Any], node: StimulatorNode) -> None:
     with Stimulator.connect(**virtual) as bench:
         bench.run(0.2)
         bench.arm()
@@ -340,7 +340,7 @@ def test_without_a_terminal() -> None:
     assert line == "watch needs a terminal; for a file, take a log of the bus"
 
 
-def test_what_drives_has_to_write() -> None:
+def test_watch_drive_refuses_the_option_no_sdo() -> None:
     line = refusal("watch", "--drive", "--no-sdo", code=2)
     assert line == "--drive writes by SDO: leave out --no-sdo"
 
@@ -500,7 +500,9 @@ def test_without_write_nothing_changes(laboratory: Laboratory, tmp_path: Path) -
     assert "Gauge null.Window" not in laboratory.written
 
 
-def test_what_does_not_fit_is_not_written(laboratory: Laboratory, tmp_path: Path) -> None:
+def test_calibrate_writes_no_calibration_with_large_residuals(
+    laboratory: Laboratory, tmp_path: Path
+) -> None:
     laboratory.gravity = 0.9 * G
     result = calibrate(tmp_path, "--write")
     assert result.exit_code == 1
@@ -530,7 +532,7 @@ def test_a_plan_is_looked_at_before_a_bus_is_opened(
     assert not (tmp_path / "plate.json").exists()
 
 
-def test_tilts_in_one_direction_are_refused_before_any_weight_is_asked_for(
+def test_calibrate_refuses_tilts_in_one_direction_at_once(
     laboratory: Laboratory, tmp_path: Path
 ) -> None:
     (tmp_path / "plan.csv").write_text(PLAN.replace("200,30,90,0\n", ""))
@@ -545,7 +547,9 @@ def test_tilts_in_one_direction_are_refused_before_any_weight_is_asked_for(
     assert not (tmp_path / "plate.json").exists()
 
 
-def test_who_drives_is_not_disturbed(laboratory: Laboratory, tmp_path: Path) -> None:
+def test_selftest_command_is_refused_while_another_bench_drives(
+    laboratory: Laboratory, tmp_path: Path
+) -> None:
     laboratory.bench.voltage = 5.0
     laboratory.bench.mode = "open_loop"
     result = calibrate(tmp_path, "--write")
@@ -556,7 +560,7 @@ def test_who_drives_is_not_disturbed(laboratory: Laboratory, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("end", [click.Abort, KeyboardInterrupt])
-def test_who_interrupts_is_told_that_nothing_is_kept(
+def test_calibrate_interrupted_says_that_nothing_is_kept(
     laboratory: Laboratory,
     monkeypatch: pytest.MonkeyPatch,
     tmp_path: Path,

@@ -111,11 +111,13 @@ def test_it_goes_on_and_a_damaged_file_is_one_line(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_what_is_wrong_is_one_line(arguments: tuple[str, ...], code: int, message: str) -> None:
+def test_campaign_reports_errors_in_one_line(
+    arguments: tuple[str, ...], code: int, message: str
+) -> None:
     assert message in refusal("campaign", *arguments, code=code)
 
 
-def test_without_numba_it_says_so_gives_the_same_and_goes_on_once_it_is_installed(
+def test_campaign_without_numba_gives_the_same_and_can_resume(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     rows = tmp_path / "rows"
@@ -145,7 +147,7 @@ def test_without_numba_it_says_so_gives_the_same_and_goes_on_once_it_is_installe
     assert again["compiled"] is False
 
 
-def test_several_laws_say_once_that_some_fingers_were_run_without_numba(
+def test_campaign_of_laws_says_once_that_numba_was_missing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     mixed = runner.run_campaign(trial.Campaign(), 1)._replace(compiled=None)

@@ -212,7 +212,7 @@ def test_reproduce_refuses(arguments: tuple[str, ...], message: str) -> None:
     assert message in refusal("reproduce", *arguments, code=2)
 
 
-def test_report_of_what_is_no_run(everything: Path, tmp_path: Path) -> None:
+def test_report_refuses_folders_without_a_run(everything: Path, tmp_path: Path) -> None:
     assert "does not exist" in refusal("report", tmp_path / "missing", code=2)
     told = refusal("report", tmp_path)
     assert f"results.json: smarttac reproduce --output {tmp_path} makes it" in told

@@ -137,7 +137,7 @@ def test_dbc(tmp_path: Path) -> None:
     assert path.read_text() == succeed("eds", "dbc", RICH_EDS, "--node-id", "5")
 
 
-def test_dbc_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_dbc_command_without_cantools_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("smarttac_can.cli.commission.find_spec", lambda name: None)
     assert "pip install 'smarttac-can[dbc]'" in refusal("eds", "dbc", RICH_EDS)
 
@@ -283,7 +283,7 @@ def test_rows_as_json_go_to_stdout_or_a_file(given: list[str], tmp_path: Path) -
     assert [row["node_id"] for row in rows] == [5]
 
 
-def test_a_device_that_is_operational_is_named_as_the_reason_of_lss() -> None:
+def test_lss_names_an_operational_device_as_its_reason() -> None:
     with running("lss-operational", rich(5, autostart=True)) as bus:
         line = refusal("lss", "9", "--identity", RICH_IDENTITY, *bus)
     assert "one that is OPERATIONAL takes no LSS: stop it" in line
@@ -386,7 +386,7 @@ def test_a_dcf_is_loaded_into_its_device(tmp_path: Path) -> None:
     assert (again["node_id"], again["findings"]) == (5, [])
 
 
-def test_what_a_device_refuses_of_a_dcf_is_named(tmp_path: Path) -> None:
+def test_eds_load_names_each_value_a_device_refuses(tmp_path: Path) -> None:
     file = tmp_path / "rich-5.dcf"
     values = ("--set", "1017=300", "--set", "1A00sub1=0x77770008", "--output", file)
     run("eds", "dcf", RICH_EDS, "--node-id", "5", "--bitrate", "500000", *values)

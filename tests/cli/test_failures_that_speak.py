@@ -67,7 +67,7 @@ def test_a_file_system_that_is_read_only_is_named(
     assert "kept cannot be written (Read-only file system), so that neither" in line
 
 
-def test_storage_that_can_be_written_needs_no_word_and_leaves_none(tmp_path: Path) -> None:
+def test_writable_storage_gives_no_message_and_no_file(tmp_path: Path) -> None:
     refusal("node", *NOWHERE, "--storage", tmp_path / "kept")
     assert list(tmp_path.iterdir()) == []
 

@@ -210,7 +210,7 @@ LARGE = [
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="bytes and memory are read from /proc")
-def test_the_largest_files_take_3_times_an_ordinary_one_and_300_mib(tmp_path: Path) -> None:
+def test_largest_files_take_3_times_an_ordinary_one_and_300_mib(tmp_path: Path) -> None:
     for kind, content in (LARGEST | {"ordinary": STIMULATOR}).items():
         (tmp_path / f"{kind}.eds").write_text(content)
 
@@ -258,7 +258,7 @@ def test_no_command_waits_for_a_pipe(arguments: tuple[str, ...], tmp_path: Path)
 
 @pytest.mark.parametrize("command", ["node", "plate", "device", "replay"])
 @pytest.mark.parametrize("content", [b"print(1)\n", b"CO-STOrE"])
-def test_what_no_device_has_stored_stays_as_it_is(
+def test_malformed_storage_file_is_left_unchanged(
     command: str, content: bytes, tmp_path: Path
 ) -> None:
     path, beside = tmp_path / "mine.py", tmp_path / "mine.py.new"
@@ -276,7 +276,7 @@ def test_what_no_device_has_stored_stays_as_it_is(
 
 
 @pytest.mark.parametrize("content", [b"", b"CO-S", b"CO-STORE torn"])
-def test_what_a_device_may_have_stored_is_taken(content: bytes, tmp_path: Path) -> None:
+def test_storage_file_of_any_device_is_taken(content: bytes, tmp_path: Path) -> None:
     path = tmp_path / "kept"
     path.write_bytes(content)
     line = refusal("node", "--interface", "nonsense", "--storage", path)

@@ -56,7 +56,7 @@ def test_a_second_on_a_simulated_plate(multicast: dict[str, Any], tmp_path: Path
 
 
 @pytest.mark.usefixtures("without_privileges")
-def test_what_the_nodes_were_refused_is_said(multicast: dict[str, Any]) -> None:
+def test_jitter_names_each_refusal_of_its_nodes(multicast: dict[str, Any]) -> None:
     done = run(
         "jitter", *multicast_options(multicast), "--seconds", "1", "--realtime", "50", "--json", "-"
     )

@@ -190,5 +190,5 @@ def test_a_bus_is_shown_until_ctrl_c(multicast: dict[str, Any]) -> None:
         ((str(RICH_EDS),), "is none of"),
     ],
 )
-def test_what_makes_no_sense_is_refused(arguments: tuple[str, ...], message: str) -> None:
+def test_log_refuses_wrong_eds_options(arguments: tuple[str, ...], message: str) -> None:
     assert message in refusal("log", *arguments, code=None)

@@ -169,7 +169,7 @@ def moves(node: Node) -> bool:
 
 
 @pytest.mark.parametrize("command", ["node", "plate"])
-def test_stored_wins_over_the_default_of_an_option_but_not_over_one_given(
+def test_stored_value_wins_over_option_default_not_over_option(
     command: str, made: list[Node], tmp_path: Path
 ) -> None:
     def started(*options: str) -> tuple[Node, list[int]]:
@@ -194,9 +194,7 @@ def test_stored_wins_over_the_default_of_an_option_but_not_over_one_given(
     assert started()[1] == [0, 700, 3, 9]
 
 
-def test_a_node_has_the_id_and_the_recorded_finger_of_its_options(
-    made: list[Node], tmp_path: Path
-) -> None:
+def test_node_options_set_id_and_recorded_finger(made: list[Node], tmp_path: Path) -> None:
     finger = tmp_path / "finger.csv"
     finger.write_text("t_s,x_mm,Fn_N\n0,0,0\n5,0,0.9\n")
     succeed("node", "--interface", "virtual", "--node-id", "7", "--finger", finger)
@@ -284,7 +282,7 @@ def test_a_byte_order_mark_is_passed_over(tmp_path: Path) -> None:
         ("", "0 samples of a trajectory are fewer than 2"),
     ],
 )
-def test_what_is_wrong_is_named_by_line_in_the_units_of_the_file(
+def test_recorded_finger_error_names_line_and_unit_of_the_file(
     rows: str, reason: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "finger.csv"
@@ -309,7 +307,7 @@ SLEEPY = "real time: processors sleep"
 @pytest.mark.parametrize("refused", [[], CURES[:1], CURES])
 @pytest.mark.parametrize("command", ["node --plate-node 33", "plate"])
 @pytest.mark.parametrize("sleepy", [[], [SLEEPY]])
-def test_what_is_refused_is_said_and_the_deadline_stays_that_of_the_eds(
+def test_refused_realtime_is_reported_and_keeps_the_eds_deadline(
     command: str, refused: list[str], sleepy: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[tuple[int, int | None] | str] = []
@@ -359,7 +357,9 @@ def test_pace_of_an_ordinary_process_asks_for_nothing(monkeypatch: pytest.Monkey
         (None, None, "the bus of python-can's configuration"),
     ],
 )
-def test_what_a_bus_is_called(interface: str | None, channel: str | None, where: str) -> None:
+def test_bus_name_in_messages_has_interface_and_channel(
+    interface: str | None, channel: str | None, where: str
+) -> None:
     assert BusChoice(interface, channel, None, {}).where == where
 
 
@@ -439,7 +439,7 @@ def test_a_storage_that_is_none_is_named(stored: bytes | None, said: list[str]) 
     assert lines == [*said, "plate 33 ready on here"]
 
 
-def test_lines_say_why_nothing_arms_and_what_ended_a_run() -> None:
+def test_node_lines_say_why_arming_is_refused_and_runs_end() -> None:
     said: list[str] = []
     stimulator = StimulatorNode(stimulator_od(), PlateBlock(plate_od()))
     node = Spoken("stimulator", stimulator, said)
@@ -465,7 +465,7 @@ def test_lines_say_why_nothing_arms_and_what_ended_a_run() -> None:
     assert said[1:] == ["stimulator 32 fault 4210h: the plate is too hot"]
 
 
-def test_a_double_that_is_noticed_after_what_it_has_led_to_is_named() -> None:
+def test_double_sender_seen_after_its_effect_is_named() -> None:
     said: list[str] = []
     stimulator = StimulatorNode(
         stimulator_od(), plate_node_id=33, lockstep=True, presets={"Tare at power-on": 0}

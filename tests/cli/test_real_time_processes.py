@@ -112,7 +112,7 @@ def assert_cycles_rise(watch: StageWatch, node_id: int, name: str) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the size of a pipe is set")
-def test_a_stimulator_whose_stdout_nobody_reads_goes_on_and_ends_at_0_v(
+def test_stimulator_with_unread_stdout_runs_and_ends_at_0_v(
     multicast: dict[str, Any],
 ) -> None:
     with (
@@ -185,7 +185,7 @@ def assert_cycles_rise_with(controller: Controller, watch: StageWatch) -> None:
     until(lambda: watch.read(PLATE_ID, ODS[PLATE_ID]["Cycle.Ticks"]) > before)
 
 
-def test_a_plate_that_was_paused_is_at_0_v_before_it_hears_what_waited(
+def test_resumed_plate_process_is_at_0_v_before_queued_frames(
     multicast: dict[str, Any],
 ) -> None:
     with processes(multicast, "plate") as (plate,), StageWatch(**multicast) as watch:
@@ -254,7 +254,7 @@ def process(script: str, *arguments: object) -> Iterator[subprocess.Popen[bytes]
             running.kill()
 
 
-def test_a_master_is_missed_while_a_flood_of_frames_to_hear_goes_on(
+def test_lost_master_heartbeat_is_seen_in_a_flood(
     multicast: dict[str, Any],
 ) -> None:
     """By a stimulator; a plate is flooded on vcan.
@@ -303,7 +303,7 @@ while True:
 """Who drives judges a fault."""
 
 
-def test_a_bench_that_reads_is_stopped_and_killed_and_the_run_goes_on(
+def test_run_goes_on_when_a_reading_bench_is_killed(
     multicast: dict[str, Any],
 ) -> None:
     with (

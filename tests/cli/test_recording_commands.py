@@ -348,7 +348,7 @@ def test_another_eds_is_another_stimulator(run: Log, tmp_path: Path) -> None:
     assert "plate.eds does not suit the device" in line
 
 
-def test_what_is_no_log_is_refused_in_one_line(run: Log, tmp_path: Path) -> None:
+def test_replay_refuses_other_files_in_one_line(run: Log, tmp_path: Path) -> None:
     for suffix in (".log", ".asc", ".blf", ".csv", ".trc"):
         rubbish = tmp_path / f"rubbish{suffix}"
         rubbish.write_bytes(b"\x00\xff rubbish\n" * 100)
@@ -398,9 +398,7 @@ def test_a_binary_log_that_is_cut_is_replayed_up_to_there(
         list(read_log(torn))
 
 
-def test_a_binary_log_whose_logger_was_killed_is_replayed_up_to_there(
-    run: Log, tmp_path: Path
-) -> None:
+def test_replay_reads_a_binary_log_of_a_killed_logger(run: Log, tmp_path: Path) -> None:
     """python-can states the size when it ends a log; until then it is that of the header."""
     log = write(run, tmp_path / "run.blf")
     data = bytearray(log.read_bytes())
@@ -530,7 +528,7 @@ def patient_eds(path: Path) -> Path:
     return path
 
 
-def test_what_a_process_records_in_real_time_is_replayed(
+def test_replay_recomputes_a_recording_in_real_time(
     multicast: dict[str, Any], tmp_path: Path
 ) -> None:
     told = ("--produce-sync", "--eds", str(patient_eds(tmp_path / "patient.eds")))
@@ -570,9 +568,7 @@ def record_process(multicast: dict[str, Any], raw: Path, told: tuple[str, ...]) 
         assert recorder.returncode == 0
 
 
-def test_what_a_script_records_in_lockstep_is_replayed(
-    virtual: dict[str, Any], tmp_path: Path
-) -> None:
+def test_replay_recomputes_a_recording_in_lockstep(virtual: dict[str, Any], tmp_path: Path) -> None:
     raw = tmp_path / "run.log"
     options = {**virtual, "plate_node_id": 33, "lockstep": True, "timeout": 5.0}
     with in_threads(virtual, *both()):

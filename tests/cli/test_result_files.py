@@ -67,16 +67,14 @@ def test_a_file_with_results_is_kept(arguments: tuple[str | Path, ...], tmp_path
 @pytest.mark.parametrize(
     "name", sorted(FILES.keys() - {"reproduce --animate", "calibrate --certificate"})
 )
-def test_a_file_whose_folder_is_not_there_is_refused_before_the_run(
-    name: str, tmp_path: Path
-) -> None:
+def test_results_refuse_a_missing_folder_before_the_run(name: str, tmp_path: Path) -> None:
     """``--animate`` creates its folder, and ``calibrate`` reads its plan first."""
     file = tmp_path / "missing" / "result"
     assert refusal(*FILES[name], file) == f"{file}: the folder {file.parent} does not exist"
     assert content(tmp_path) == {}
 
 
-def test_each_command_with_a_file_for_results_has_force_and_a_case_here() -> None:
+def test_each_command_with_results_has_force_and_a_case_here() -> None:
     commands = [command for group in (main, evidence) for _, command in commands_of(group)]
     options = {
         f"{command.name} {parameter.opts[0]}"
@@ -137,7 +135,7 @@ def test_stdout_and_devices_hold_nothing(path: str) -> None:
     succeed("reproduce", "fig3", "--json", path)
 
 
-def test_what_is_empty_or_hidden_is_no_result(tmp_path: Path) -> None:
+def test_results_take_an_empty_or_hidden_file_as_free(tmp_path: Path) -> None:
     file, folder = tmp_path / "made.json", tmp_path / "run"
     file.touch()
     folder.mkdir()
@@ -147,7 +145,7 @@ def test_what_is_empty_or_hidden_is_no_result(tmp_path: Path) -> None:
     assert set(content(folder)) == {".gitkeep", "results.json"}
 
 
-def test_force_leaves_nothing_of_the_run_before_and_all_that_is_not_of_one(tmp_path: Path) -> None:
+def test_force_removes_results_of_the_last_run_and_nothing_else(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     folder = tmp_path / "run"
     succeed("reproduce", "fig5", "--link", "bus", "--output", folder)
@@ -190,7 +188,7 @@ def test_a_full_disk_is_named(tmp_path: Path) -> None:
     assert told.value.filename == str(tmp_path)
 
 
-def test_the_error_names_what_was_asked_for(tmp_path: Path) -> None:
+def test_results_error_names_the_path_as_given(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(OSError) as told, result_folder(tmp_path / "file" / "below", ()):
         pass

@@ -69,7 +69,7 @@ def test_a_value_is_refused_before_it_is_sent(
     assert message in line
 
 
-def test_who_does_not_answer_is_named() -> None:
+def test_sdo_command_names_a_silent_node() -> None:
     bus = (*on_bus("nobody here")[:4], "--timeout", "0.05")
     assert refusal("sdo", "read", "9", "1000", *bus) == "node 9 does not answer"
     assert "for a name give --eds" in refusal("sdo", "read", "9", "Voltage", *bus, code=2)
