@@ -51,7 +51,7 @@ def test_python_can_with_cantools(
         ("empty.dbc", "nocan7", "[Errno "),
     ],
 )
-def test_python_can_with_cantools_says_what_is_missing(
+def test_python_can_example_names_a_missing_cantools(
     dbc: str,
     channel: str,
     refusal: str,
