@@ -58,7 +58,7 @@ LAB = {"interface": None, "channel": "239.74.163.3"}
         ),
     ],
 )
-def test_frames_of_a_group_are_kept_here_unless_a_hop_limit_is_given_anywhere(
+def test_multicast_hop_limit_is_0_unless_given(
     file: str,
     environment: str,
     given: dict[str, Any],
@@ -110,7 +110,9 @@ def test_nobody_of_us_sends_out_of_this_computer(
     assert hops == [0] * 5
 
 
-def test_who_wants_out_gets_out(hops: list[int], multicast: dict[str, Any]) -> None:
+def test_multicast_hop_limit_1_leaves_the_computer(
+    hops: list[int], multicast: dict[str, Any]
+) -> None:
     PythonCanBus(**multicast, hop_limit=1).close()
     assert hops == [1]
 

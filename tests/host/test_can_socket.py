@@ -77,7 +77,7 @@ def messages(draw: st.DrawFn) -> can.Message:
 
 @many
 @given(FRAMES)
-def test_python_can_unpacks_what_goes_to_the_group(frame: Frame) -> None:
+def test_python_can_unpacks_datagrams_sent_to_the_group(frame: Frame) -> None:
     message = unpack_message(_Multicast().encode(frame), check=True)
     assert to_frame(message) == frame
     assert message.dlc == len(frame.data)
@@ -85,7 +85,7 @@ def test_python_can_unpacks_what_goes_to_the_group(frame: Frame) -> None:
 
 @many
 @given(st.lists(messages(), max_size=2))
-def test_what_python_can_packs_is_heard_each_time(sent: list[can.Message]) -> None:
+def test_each_datagram_packed_by_python_can_is_received(sent: list[can.Message]) -> None:
     codec = _Multicast()
     for message in sent + sent:
         assert codec.decode(pack_message(message)) == to_frame(message)
@@ -110,7 +110,7 @@ def test_a_frame_of_the_loop_is_unpacked_once(
         codec.decode(write(Frame(can_id ^ 1, data)))
 
 
-def test_what_is_kept_of_senders_is_bounded() -> None:
+def test_multicast_memory_of_senders_is_bounded() -> None:
     codec = _Multicast()
     for sender in range(3):
         for can_id in range(0x800):
@@ -319,7 +319,7 @@ def test_a_bus_without_can_fd_hears_no_fd_frame(fd: bool, multicast: dict[str, A
     assert [message and message.arbitration_id for message in heard] == [1, 2][not fd :]
 
 
-def test_own_echo_is_dropped_and_an_equal_frame_of_another_party_heard() -> None:
+def test_own_echo_is_dropped_and_an_equal_foreign_frame_received() -> None:
     mine, other = _Multicast(), _Multicast()
     frame = Frame(0x123, b"same")
     assert mine.encode(frame) != other.encode(frame)
@@ -334,7 +334,7 @@ def test_own_echo_is_dropped_and_an_equal_frame_of_another_party_heard() -> None
 
 @many
 @given(FRAMES)
-def test_struct_of_the_kernel_as_python_can_builds_and_dissects_it(frame: Frame) -> None:
+def test_socketcan_struct_equals_that_of_python_can(frame: Frame) -> None:
     data = SocketCan().encode(frame)
     built = bytearray(build_can_frame(to_message(frame)))
     built[7] = 0  # len8_dlc, which counts from 9 on only
@@ -376,7 +376,7 @@ def test_garbage_is_nothing_to_hear(
 @many
 @pytest.mark.parametrize("codec", CODECS.values(), ids=CODECS)
 @given(st.data(), FRAMES)
-def test_what_was_cut_off_or_turned_over_is_nothing_to_worry_about(
+def test_truncated_or_garbled_datagrams_are_dropped(
     codec: Callable[[], _Multicast | SocketCan], data: st.DataObject, frame: Frame
 ) -> None:
     whole = codec().encode(frame)
@@ -437,7 +437,7 @@ def test_an_empty_socket_is_not_waited_for(pair: Pair) -> None:
     assert not frames
 
 
-def test_what_is_there_is_read_in_order(pair: Pair) -> None:
+def test_queued_frames_are_read_in_order(pair: Pair) -> None:
     under_test, other = pair
     frames = [Frame(number, bytes(number)) for number in range(9)]
     for frame in frames:

@@ -28,12 +28,12 @@ def test_a_package_that_is_not_there_is_named_for_pip(
 
 
 @pytest.mark.parametrize("interface", ["udp_multicast", "virtual", "socketcan", None])
-def test_what_has_its_package_or_needs_none_gets_no_hint(interface: str | None) -> None:
+def test_driver_with_its_package_gets_no_hint(interface: str | None) -> None:
     assert util.find_spec("msgpack") is not None, "of udp_multicast"
     assert cure(interface, OSError()) == ""
 
 
-def test_a_driver_that_cannot_be_opened_is_told_with_the_library_of_its_maker() -> None:
+def test_driver_that_cannot_be_opened_names_its_library() -> None:
     with pytest.raises(BusError, match=r"^cannot open the kvaser bus, channel 0: .*CANlib"):
         PythonCanBus("kvaser", "0")
 
@@ -70,12 +70,12 @@ def test_options_that_it_would_swallow_are(interface: str, some: str, near: str)
     assert prot.startswith(f"{interface} has no option 'prot'{near}")
 
 
-def test_what_a_driver_takes_by_names_in_its_code_is_near_as_well() -> None:
+def test_driver_name_inside_code_is_suggested() -> None:
     (line,) = unknown_options("kvaser", ["recieve_own_messages"])
     assert line == "kvaser has no option 'recieve_own_messages'; perhaps 'receive_own_messages'"
 
 
-def test_an_interface_that_python_can_does_not_know_is_told_with_what_is_near_or_all() -> None:
+def test_unknown_interface_lists_similar_ones_or_all() -> None:
     with pytest.raises(BusError) as misspelt:
         PythonCanBus("scoketcan", "can0")
     assert str(misspelt.value).endswith("; perhaps 'socketcan'")

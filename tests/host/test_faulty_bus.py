@@ -172,7 +172,7 @@ def test_paused_process_in_real_time_has_the_time_first() -> None:
     assert node.time == 300_000
 
 
-def test_clogged_node_is_told_by_its_outbox_and_says_the_rest_later() -> None:
+def test_clogged_node_is_told_by_its_outbox_and_sends_later() -> None:
     bench = Bench(lockstep=False)
     bench.bus.clog(bench.port, 4)
     failures = []
@@ -205,7 +205,7 @@ class TalkativeNode(ToyNode):
         return [Frame(0x124)]
 
 
-def test_node_that_is_bus_off_is_told_and_neither_hears_nor_is_heard() -> None:
+def test_bus_off_node_neither_receives_nor_sends() -> None:
     node = TalkativeNode()
     bench = Bench(node=node)
     bench.bus.bus_off(bench.port)
@@ -243,7 +243,7 @@ def test_babble_comes_in_every_cycle_until_it_ends() -> None:
     assert 0x010 not in bench.ids(2)
 
 
-def test_babble_that_fills_the_bus_delays_what_has_less_priority() -> None:
+def test_babble_on_a_full_bus_delays_lower_priority() -> None:
     bench = Bench()
     bench.bus.babble(7)
     assert REPORT not in bench.ids(1), "7 frames of 135 us leave 55 us"

@@ -63,7 +63,7 @@ def test_a_link_is_followed_and_nothing_is_said_to_be_nothing(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("what", ["pipe", "link to a pipe", "device", "directory"])
-def test_what_is_no_file_is_neither_waited_for_nor_read(what: str, tmp_path: Path) -> None:
+def test_open_regular_refuses_pipes_and_devices_at_once(what: str, tmp_path: Path) -> None:
     path = {"device": Path("/dev/zero"), "directory": tmp_path}.get(what, tmp_path / "it")
     if what.endswith("pipe"):
         os.mkfifo(tmp_path / "pipe")
@@ -74,7 +74,7 @@ def test_what_is_no_file_is_neither_waited_for_nor_read(what: str, tmp_path: Pat
         open_regular(path)
 
 
-def test_what_changes_between_the_look_and_the_opening_is_refused(
+def test_open_regular_refuses_a_file_changed_before_opening(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path, harmless = tmp_path / "pipe", tmp_path / "file"
@@ -99,7 +99,7 @@ def test_every_reader_is_bounded(tmp_path: Path) -> None:
             read(path)
 
 
-def test_what_could_not_be_read_again_is_not_stored(tmp_path: Path) -> None:
+def test_storage_refuses_parameters_it_could_not_read_again(tmp_path: Path) -> None:
     storage = StorageFile(tmp_path / "kept")
     storage.write(bytes(4 << 20))
     assert storage.read() == bytes(4 << 20)
@@ -129,7 +129,7 @@ def test_an_eds_as_windows_writes_it(tmp_path: Path) -> None:
         (Path.mkdir, "file", "File exists"),
     ],
 )
-def test_what_hinders_and_what_is_to_be_made(
+def test_file_error_names_its_path_and_reason(
     act: Callable[[Path], object], path: str, said: str, tmp_path: Path
 ) -> None:
     (tmp_path / "file").touch()
@@ -185,7 +185,7 @@ def test_a_file_that_fails_leaves_the_old_one(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_what_is_written_as_it_is_closed(tmp_path: Path) -> None:
+def test_full_disk_at_close_leaves_no_result_file(tmp_path: Path) -> None:
     path = tmp_path / "t.csv"
     with pytest.raises(OSError) as told, nearly_full(), result_file(path) as file:
         file.write("x" * 5000)
@@ -194,7 +194,7 @@ def test_what_is_written_as_it_is_closed(tmp_path: Path) -> None:
 
 
 @pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")
-def test_an_interrupt_at_any_instruction_leaves_no_half_of_a_file(tmp_path: Path) -> None:
+def test_interrupt_at_any_instruction_leaves_no_partial_file(tmp_path: Path) -> None:
     path = tmp_path / "t.csv"
 
     def ended(instruction: int) -> bool:
@@ -250,7 +250,7 @@ def save(device: Device, period: int) -> bytes:
     return answer.data
 
 
-def test_a_file_cut_or_garbled_at_any_byte_gives_defaults_and_an_emergency(tmp_path: Path) -> None:
+def test_cut_or_garbled_storage_file_gives_defaults_and_emcy(tmp_path: Path) -> None:
     path = tmp_path / "node.store"
     assert save(powered(path)[0], 500)[0] == 0x60
     whole = path.read_bytes()
@@ -269,7 +269,7 @@ def test_a_file_cut_or_garbled_at_any_byte_gives_defaults_and_an_emergency(tmp_p
     assert [f.data[0] for f in sent] == [0x00, 0x60], "a good store takes the error back"
 
 
-def test_a_power_cut_or_a_full_disk_while_writing_leaves_the_old_bytes(
+def test_power_cut_or_full_disk_while_writing_keeps_the_old_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "node.store"
@@ -294,7 +294,7 @@ def test_a_power_cut_or_a_full_disk_while_writing_leaves_the_old_bytes(
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="it cannot open directories")
-def test_a_stored_file_is_synced_before_its_name_and_then_the_folder(
+def test_storage_file_is_synced_before_its_rename_and_its_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path, done = tmp_path / "node.store", []
@@ -458,7 +458,7 @@ def test_lines_come_back(tmp_path: Path) -> None:
     assert read_lines(file) == ("new", "old ?")
 
 
-def test_what_is_no_text_does_no_harm(tmp_path: Path) -> None:
+def test_stored_file_of_binary_bytes_is_read_as_short_lines(tmp_path: Path) -> None:
     path = tmp_path / "kept"
     path.write_bytes(b"\xff\x1b[2J\n" + b"x" * 10_000)
     assert read_lines(StorageFile(path)) == ("??[2J", "x" * 500)
@@ -476,7 +476,7 @@ def test_they_are_written_while_it_lasts_and_not_more_often(tmp_path: Path) -> N
     assert read_lines(file) == (str(number),)
 
 
-def test_what_has_not_changed_is_not_written(tmp_path: Path) -> None:
+def test_unchanged_parameters_are_not_written_again(tmp_path: Path) -> None:
     file = CountingFile(tmp_path / "kept")
     with FaultFile(file, lambda: ("same",), never, 0.01):
         time.sleep(0.05)

@@ -33,7 +33,7 @@ def frames_in(reader: FrameLogReader) -> list[tuple[int, bytes]]:
     ]
 
 
-def test_what_was_written_is_read(log: Path) -> None:
+def test_frame_log_reads_back_each_record(log: Path) -> None:
     reader = FrameLogReader(log)
     assert reader.head == HEAD
     assert frames_in(reader) == FRAMES
@@ -86,7 +86,7 @@ def test_a_marker_is_of_any_length(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("cut", [1, 5, 23, 24, 25])
-def test_a_cut_log_lacks_what_was_cut(log: Path, cut: int) -> None:
+def test_truncated_frame_log_lacks_only_its_end(log: Path, cut: int) -> None:
     os.truncate(log, log.stat().st_size - cut)
     reader = FrameLogReader(log)
     assert frames_in(reader) == FRAMES[: 1000 - -(-cut // RECORD.itemsize)]

@@ -117,7 +117,9 @@ def test_by_entry_point(lab: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         ("lab_front_ends:Deaf", "has no put_out, close"),
     ],
 )
-def test_what_is_no_front_end(lab: Path, name: str, reason: str) -> None:
+def test_front_end_is_refused_with_the_reason_of_each_name(
+    lab: Path, name: str, reason: str
+) -> None:
     with pytest.raises(FrontEndError) as caught, opened_front_end(name, by_clock=True):
         pass
     assert reason in str(caught.value)

@@ -42,7 +42,7 @@ def passed(receiver: can.BusABC) -> list[int]:
 @pytest.mark.skipif(sys.platform != "linux", reason="the filter is one of Linux")
 @pytest.mark.parametrize("own", [None, b"", b"16 bytes, a mark"])
 @pytest.mark.parametrize("chosen", [(), (0x080,), WIDTHS, WIDTHS[::2], tuple(range(0x100, 0x1C8))])
-def test_what_is_not_listened_to_or_is_blocked_does_not_reach_the_socket(
+def test_kernel_filter_drops_unwanted_and_blocked_identifiers(
     multicast: dict[str, Any], chosen: tuple[int, ...], own: bytes | None
 ) -> None:
     sent = sorted({*WIDTHS, 0x100, 0x1C7, 0x1C8})
@@ -59,7 +59,7 @@ def test_what_is_not_listened_to_or_is_blocked_does_not_reach_the_socket(
         ]
 
 
-def test_another_choice_takes_the_place_of_the_first_and_too_many_of_all(
+def test_kernel_filter_takes_the_last_choice_of_bounded_size(
     multicast: dict[str, Any],
 ) -> None:
     with can.Bus(**multicast) as sender, can.Bus(**multicast) as receiver:
@@ -91,7 +91,7 @@ SHORT = {
     ],
     ids=["written otherwise", "too short for an echo"],
 )
-def test_what_the_filter_does_not_know_passes(
+def test_kernel_filter_passes_datagrams_of_another_layout(
     frame: dict[str, object], choose: Callable[[can.BusABC], None], multicast: dict[str, Any]
 ) -> None:
     with can.Bus(**multicast) as sender, can.Bus(**multicast) as receiver:
@@ -105,7 +105,7 @@ def test_what_the_filter_does_not_know_passes(
 @pytest.mark.skipif(sys.platform != "linux", reason="the filter is one of Linux")
 @pytest.mark.parametrize("rtr", [False, True])
 @pytest.mark.parametrize("blocked", [None, (), (0x123,), range(0x200, 0x2C8)])
-def test_own_echoes_do_not_reach_the_socket_and_equal_frames_of_others_do(
+def test_kernel_filter_drops_own_echoes_not_equal_foreign_frames(
     multicast: dict[str, Any], blocked: Iterable[int] | None, rtr: bool
 ) -> None:
     with open_bus(multicast) as mine, open_bus(multicast) as other:

@@ -68,7 +68,7 @@ def test_log_of_python_can_and_foreign_frames(tmp_path: Path) -> None:
         ("vcan1  181   [2]  01 02", 0),
     ],
 )
-def test_what_candump_shows_is_read(line: str, time: int, tmp_path: Path) -> None:
+def test_log_file_reads_the_output_of_candump(line: str, time: int, tmp_path: Path) -> None:
     path = tmp_path / "pasted.txt"
     path.write_text(f"\n{line}\n")
     assert list(read_log(path)) == [(time, Frame(0x181, b"\x01\x02"))]

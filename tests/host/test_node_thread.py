@@ -11,7 +11,7 @@ from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.host.runner import node_in_thread
 
 
-def test_it_runs_until_the_block_ends_and_switches_often_meanwhile() -> None:
+def test_node_thread_runs_for_its_block_with_frequent_switches() -> None:
     before = sys.getswitchinterval()
     master = PythonCanBus("virtual", "toy")
     with node_in_thread(ToyNode(), PythonCanBus("virtual", "toy"), lockstep=True):
@@ -24,7 +24,9 @@ def test_it_runs_until_the_block_ends_and_switches_often_meanwhile() -> None:
     master.close()
 
 
-def test_what_the_run_raises_is_raised_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_node_thread_raises_the_error_of_its_run_at_the_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     before = sys.getswitchinterval()
     node = ToyNode()
     monkeypatch.setattr(node, "start", lambda: 1 / 0)

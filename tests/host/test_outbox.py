@@ -109,7 +109,7 @@ def test_nothing_of_before_a_reset_follows_its_boot_up_message() -> None:
     assert case.flush() == [other(5), Frame(0x701, b"\5")]
 
 
-def test_what_is_urgent_is_what_the_node_says_now() -> None:
+def test_outbox_asks_the_node_which_frames_are_urgent() -> None:
     case = Case()
     case.node.ids = case.node.ids._replace(urgent=frozenset({REPLY + 1}))
     case.put(urgent(1), other(1))
@@ -128,7 +128,7 @@ def test_a_full_bus_is_asked_once_and_keeps_the_order() -> None:
     assert case.said == []
 
 
-def test_an_urgent_frame_of_one_tick_is_a_fault_and_a_younger_one_is_not() -> None:
+def test_urgent_frame_is_a_fault_from_one_tick_of_age_on() -> None:
     case = Case()
     case.node.clock.now = 5_000_000
     case.put(urgent(1))
@@ -142,7 +142,7 @@ def test_an_urgent_frame_of_one_tick_is_a_fault_and_a_younger_one_is_not() -> No
     assert case.said == ["queue full at try 6"], "the word of the bus"
 
 
-def test_the_node_is_told_once_per_tick_and_the_others_once_per_episode() -> None:
+def test_full_queue_reaches_the_node_per_tick_others_per_episode() -> None:
     case = Case()
     for number in range(10):
         case.put(urgent(number))
@@ -170,7 +170,7 @@ def test_an_episode_lasts_while_the_bus_takes_nothing() -> None:
     assert len(case.said) == 1
 
 
-def test_of_urgent_frames_only_emergency_messages_and_the_word_of_the_node_are_kept() -> None:
+def test_outbox_keeps_emcy_and_the_last_frames_of_the_node_alone() -> None:
     case = Case()
     case.node.transmit_failed = lambda: [other(9), urgent(9)]  # type: ignore[method-assign]
     case.put(emergency(7), urgent(1), other(1), emergency(8))
@@ -180,7 +180,7 @@ def test_of_urgent_frames_only_emergency_messages_and_the_word_of_the_node_are_k
 
 
 @pytest.mark.parametrize(("kind", "faults"), [(other, 0), (emergency, 200)])
-def test_what_waits_is_bounded_and_the_oldest_are_dropped(
+def test_outbox_is_bounded_and_drops_the_oldest_frames(
     kind: Callable[[int], Frame], faults: int
 ) -> None:
     case = Case(answers=0)
@@ -220,7 +220,7 @@ def ascending(frames: Iterable[Frame]) -> list[int]:
 
 @settings(deadline=None, max_examples=300)
 @given(st.lists(STEPS, max_size=60), st.sampled_from([1, MOST, 1000]))
-def test_every_urgent_frame_is_sent_within_its_tick_or_the_node_is_told(
+def test_urgent_frame_is_sent_within_its_tick_or_reported(
     steps: list[tuple[int, list]], most: int
 ) -> None:
     case = Case(answers=0)

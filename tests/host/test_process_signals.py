@@ -68,7 +68,7 @@ def test_a_hangup_that_nohup_ignores_stays_ignored() -> None:
         signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
-def test_sigterm_is_left_to_who_handles_it() -> None:
+def test_sigterm_is_left_to_an_existing_handler() -> None:
     with endings_interrupt(), stop_on_signals() as stop:
         signal.raise_signal(signal.SIGTERM)
         assert stop()
@@ -172,7 +172,7 @@ DEAF = """
     """
 
 
-def test_a_process_that_does_not_end_by_sigterm_ends_all_the_same() -> None:
+def test_process_that_ignores_sigterm_ends_after_5_s() -> None:
     with begun(DEAF) as parent:
         assert parent.stdout is not None
         pid = int(parent.stdout.readline())

@@ -49,7 +49,7 @@ def test_conversion_loses_nothing(frame: Frame) -> None:
         can.Message(arbitration_id=0x80, is_extended_id=False, is_fd=True),
     ],
 )
-def test_what_is_no_classical_base_frame_is_passed_over(
+def test_python_can_bus_ignores_extended_fd_and_error_frames(
     bus: PythonCanBus, foreign: can.Message
 ) -> None:
     with can.Bus("toy", "virtual") as other:
@@ -148,7 +148,7 @@ def test_a_full_queue_is_one_for_as_long_as_it_lasts(
         (errno.EIO, BusError),
     ],
 )
-def test_a_socket_says_at_once_whether_its_queue_is_full_or_its_bus_lost(
+def test_socket_tells_a_full_queue_from_a_lost_bus_at_once(
     multicast: dict[str, Any], monkeypatch: pytest.MonkeyPatch, number: int, kind: type[BusError]
 ) -> None:
     class Refusing:
@@ -188,7 +188,7 @@ def test_a_frame_that_comes_later_is_waited_for(
 EXTENDED = can.Message(arbitration_id=2, is_extended_id=True)
 
 
-def test_a_flood_of_what_is_passed_over_ends_the_wait(bus: PythonCanBus, driver: Driver) -> None:
+def test_wait_ends_on_time_in_a_flood_of_ignored_frames(bus: PythonCanBus, driver: Driver) -> None:
     driver.inbox = [(0.0007, EXTENDED)] * 4000
     assert bus.receive(1.0) is None
     assert driver.now == pytest.approx(1.0, abs=0.003)
@@ -205,7 +205,7 @@ def test_a_driver_is_read_for_a_millisecond_and_a_frame(bus: PythonCanBus, drive
     assert set(driver.waits) == {0.0}, "nothing is waited for"
 
 
-def test_a_datagram_that_is_no_frame_loses_no_bus_that_python_can_reads(
+def test_malformed_datagram_does_not_lose_the_bus(
     multicast: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(python_can, "open_socket", lambda *_: None)
@@ -216,7 +216,7 @@ def test_a_datagram_that_is_no_frame_loses_no_bus_that_python_can_reads(
         assert mine.receive(GUARD_S) == Frame(1)
 
 
-def test_what_ends_a_wait_is_read(bus: PythonCanBus, driver: Driver) -> None:
+def test_wait_ends_with_a_frame_that_is_read(bus: PythonCanBus, driver: Driver) -> None:
     driver.inbox = [(0.2, SYNC), (0.0, Frame(1))]
     bus.wait(1.0)
     bus.wait(1.0)

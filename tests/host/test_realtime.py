@@ -65,7 +65,7 @@ def test_garbage_is_collected_when_asked_for_and_once_a_second(now: list[float])
         assert second() is None
 
 
-def test_what_there_was_is_not_looked_at() -> None:
+def test_garbage_collection_ignores_objects_from_before_the_loop() -> None:
     before = [Garbage()]
     with collecting_between_cycles():
         assert gc.get_freeze_count() > 0
@@ -74,7 +74,7 @@ def test_what_there_was_is_not_looked_at() -> None:
     assert any(thing is before[0] for thing in gc.get_objects())
 
 
-def test_what_was_garbage_before_is_not_kept() -> None:
+def test_garbage_from_before_the_loop_is_collected() -> None:
     before = garbage()
     with collecting_between_cycles():
         assert before() is None
@@ -207,7 +207,7 @@ def test_each_is_given_or_its_cure() -> None:
 @pytest.mark.parametrize(
     ("locked", "reason", "cpu"), [(0, "EPERM", ALLOWED[0]), (MEGABYTE, "ENOMEM", ALLOWED[-1])]
 )
-def test_an_ordinary_user_has_a_processor_and_is_told_the_cure_of_each_other(
+def test_ordinary_user_gets_a_processor_and_the_cure_of_the_rest(
     locked: int, reason: str, cpu: int
 ) -> None:
     answer = ask(7, cpu, unprivileged=True, locked=locked)
@@ -220,7 +220,7 @@ def test_an_ordinary_user_has_a_processor_and_is_told_the_cure_of_each_other(
 
 
 @pytest.mark.parametrize("cpu", [1023, 10**6, 10**12, 10**30])
-def test_a_processor_that_is_not_there_is_refused_with_those_that_are(cpu: int) -> None:
+def test_missing_processor_is_refused_with_those_that_exist(cpu: int) -> None:
     given = ",".join(str(number) for number in ALLOWED)
     with pytest.raises(ValueError) as told:
         request_real_time(10, cpu)

@@ -153,7 +153,7 @@ def test_tries_again_at_growing_intervals_up_to_the_longest():
     assert waits[-1] == pytest.approx(LONGEST_WAIT_S, abs=0.03)
 
 
-def test_back_is_told_its_frames_are_sent_and_the_interval_begins_anew():
+def test_reconnection_is_told_its_frames_sent_and_interval_reset():
     interface = Interface()
     bus, said = lasting(interface)
     for _ in range(2):
@@ -198,7 +198,7 @@ def test_nothing_is_waited_for_while_sending():
 
 
 @pytest.mark.parametrize("room", [0, 1])
-def test_what_back_returns_waits_for_the_queue_and_goes_out_before_the_next_frame(room):
+def test_frames_of_reconnection_wait_for_room_and_go_out_first(room):
     interface = Interface()
     bus, said = lasting(interface)
     lose_and_plug_in(interface, bus)
@@ -215,7 +215,7 @@ def test_what_back_returns_waits_for_the_queue_and_goes_out_before_the_next_fram
     assert interface.sent == [HELLO, AGAIN, GOODBYE, GOODBYE]
 
 
-def test_what_back_returns_goes_out_once_the_queue_has_room_though_nothing_else_is_sent():
+def test_frames_of_reconnection_go_out_without_a_new_send():
     interface = Interface()
     bus, _ = lasting(interface)
     lose_and_plug_in(interface, bus)
@@ -226,7 +226,7 @@ def test_what_back_returns_goes_out_once_the_queue_has_room_though_nothing_else_
     assert interface.sent == [HELLO, AGAIN]
 
 
-def test_what_back_returned_ends_with_the_bus():
+def test_frames_of_reconnection_end_with_the_bus():
     interface = Interface()
     bus, said = lasting(interface)
     lose_and_plug_in(interface, bus)
@@ -283,7 +283,7 @@ def test_an_interface_that_opens_while_it_is_down_is_not_back():
     assert (said[2:], interface.sent) == (["back"], [HELLO, AGAIN])
 
 
-def test_what_is_blocked_is_so_on_a_bus_that_is_back():
+def test_blocked_identifiers_stay_blocked_after_reconnection():
     interface = Interface()
     bus, _ = lasting(interface)
     lose_and_plug_in(interface, bus)

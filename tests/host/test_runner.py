@@ -287,7 +287,7 @@ def test_a_transfer_waits_for_no_longer_than_is_owed() -> None:
 @pytest.mark.parametrize("cost", [0, 300, 600, 900])
 @pytest.mark.parametrize("at", [100_000, 100_300, 100_700])
 @pytest.mark.parametrize("length", [3_400, 15_000])
-def test_who_has_time_to_wait_does_not_rest_for_long(cost: int, at: int, length: int) -> None:
+def test_runner_that_waits_often_rests_briefly(cost: int, at: int, length: int) -> None:
     host = Host(every(300), until=500_000, pauses=((at, length),))
     node = PunctualNode(host, advance_cost=cost)
     run(node, host, resting=True)
@@ -379,7 +379,7 @@ class WatchingNode(ToyNode):
         return super().overdue()
 
 
-def test_what_waited_is_heard_before_its_deadline_is_looked_at() -> None:
+def test_queued_frame_is_heard_before_its_deadline_is_judged() -> None:
     host = Host(every(10_000), until=600_000, frame_cost=20, pauses=((200_001, 300_000),))
     node = WatchingNode()
     run(node, host)
@@ -419,7 +419,7 @@ def order_after(host: Host, us: int) -> list[int]:
 
 @pytest.mark.parametrize("late", [0, 1, 150, 700, 1900])
 @pytest.mark.parametrize("frames", [1, 2, 4])
-def test_what_came_before_a_tick_is_heard_before_it(late: int, frames: int) -> None:
+def test_frame_before_a_tick_is_heard_before_it(late: int, frames: int) -> None:
     # The first of them wakes the process, which is held up then until after the tick.
     host = Host(burst(4995, frames), until=7900, pauses=((4995, 5 + late),))
     run(ToyNode(), host)
@@ -434,7 +434,7 @@ def test_but_no_more_than_four_frames_are() -> None:
     assert ids.count(REPLY + 1) == 10
 
 
-def test_in_a_flood_what_is_due_comes_first_until_the_bus_was_empty_once() -> None:
+def test_due_timers_come_first_in_a_flood_until_the_bus_is_empty() -> None:
     flood = [(4995, REQUESTED)] * 160
     apart = [(at, REQUESTED) for at in range(14_000, 14_990, 70)]
     last = [(14_995, REQUESTED)] * 3
@@ -447,7 +447,7 @@ def test_in_a_flood_what_is_due_comes_first_until_the_bus_was_empty_once() -> No
     assert ids.index(TICKER + 1) == 4, "a frame came before each wait was over, but none waited"
 
 
-def test_who_is_held_up_while_it_hears_them_hears_the_rest_as_after_any_pause() -> None:
+def test_runner_held_up_while_hearing_drains_as_after_a_pause() -> None:
     late = [(4000, OTHER), *[(4995, OTHER)] * 2, *[(6000, REQUESTED)] * 30]
     host = Host(late, until=6800, pauses=((4995, 100), (5097, 3000)), frame_cost=1)
     run(ToyNode(), host)
@@ -456,14 +456,14 @@ def test_who_is_held_up_while_it_hears_them_hears_the_rest_as_after_any_pause() 
     assert ids.index(TICKER + 1) == ids.index(OFF + 1) - 1, "what is due comes after what waited"
 
 
-def test_what_must_not_wait_does_not_wait_for_them() -> None:
+def test_overdue_deadline_acts_before_queued_frames() -> None:
     host = Host(burst(5050, 3), until=7900, frame_cost=300, pauses=((5000, 100),))
     node = ToyNode()
     run(node, host)
     assert node.late[0] == 5100, "before the first of them is even read"
 
 
-def test_of_two_frames_of_a_kind_the_newer_one_is_known_without_a_pause() -> None:
+def test_newer_frame_of_a_kind_marks_the_older_overtaken() -> None:
     host = Host([(1500, OTHER), *[(3000, SYNC)] * 2, (4000, SYNC)], until=4900)
     node = ToyNode()
     run(node, host)
@@ -484,7 +484,7 @@ def test_a_watch_that_ends_in_a_flood_ends_in_time() -> None:
 
 
 @pytest.mark.parametrize("lockstep", [False, True])
-def test_a_full_queue_holds_nothing_up_and_is_told_when_the_cycle_is_over(lockstep: bool) -> None:
+def test_full_queue_delays_nothing_and_is_told_after_its_cycle(lockstep: bool) -> None:
     syncs = every(1000, SYNC, start=1000)
     host = Host(syncs, until=30_000, full=lambda now: 10_500 <= now < 20_500)
     node = ToyNode()
@@ -514,7 +514,7 @@ def test_other_frames_wait_and_are_no_fault() -> None:
     assert node.failures == 0
 
 
-def test_who_has_time_is_told() -> None:
+def test_idle_runner_reports_states_at_once() -> None:
     host = Host(every(400), until=10_000)
     run(PunctualNode(host), host, observer=(follower := Follower(host)))
     assert follower.followed
@@ -524,7 +524,7 @@ def test_who_has_time_is_told() -> None:
 @pytest.mark.parametrize("lockstep", [False, True])
 @pytest.mark.parametrize("cost", [0, 1000, 3000])
 @pytest.mark.parametrize("full", [False, True])
-def test_who_has_no_time_is_told_each_50_ms(lockstep: bool, cost: int, full: bool) -> None:
+def test_busy_runner_reports_states_each_50_ms(lockstep: bool, cost: int, full: bool) -> None:
     host = Host(every(10), until=200_000, frame_cost=10, full=lambda now: full and now > 5000)
     node = PunctualNode(host, advance_cost=cost) if cost else ToyNode()
     run(node, host, lockstep=lockstep, observer=(follower := Follower(host)))
@@ -538,7 +538,7 @@ def test_in_lockstep_the_state_is_followed_at_each_sync() -> None:
     assert len(follower.followed) >= 100, "a state may last for no time of the clock"
 
 
-def test_what_was_read_of_a_bus_that_is_lost_is_not_heard() -> None:
+def test_frames_read_before_a_bus_is_lost_are_not_heard() -> None:
     host = Host([(1000, OTHER)], until=50_000)
     node = ToyNode()
     read = host.read
@@ -645,7 +645,7 @@ class LearningNode(ToyNode):
 
 
 @pytest.mark.parametrize("lockstep", [False, True])
-def test_what_a_command_without_an_answer_makes_wanted_is_heard_behind_it(lockstep: bool) -> None:
+def test_identifier_wanted_by_a_frame_is_heard_right_behind_it(lockstep: bool) -> None:
     node = LearningNode(OTHER)
     run(node, Host([(1000, OTHER), (1000, Frame(LEARNT))], until=3000), lockstep=lockstep)
     assert node.heard == [OTHER, Frame(LEARNT)]
@@ -660,7 +660,7 @@ def test_an_observer_sees_the_beginning_and_the_end(lockstep: bool) -> None:
 
 
 @pytest.mark.parametrize("lockstep", [False, True])
-def test_the_bus_drops_what_is_passed_over_often_until_it_is_wanted(lockstep: bool) -> None:
+def test_kernel_drops_identifiers_passed_over_often_until_wanted(lockstep: bool) -> None:
     rare, often = Frame(0x401), Frame(LEARNT)
     frames = [(at, often) for at in range(100, 30_000, 200)]
     frames += [(at, rare) for at in range(110, 30_000, 400)]
@@ -675,7 +675,7 @@ def test_the_bus_drops_what_is_passed_over_often_until_it_is_wanted(lockstep: bo
 
 
 @pytest.mark.parametrize("lockstep", [False, True])
-def test_what_is_listened_to_anew_is_so_before_the_answer_is_sent(lockstep: bool) -> None:
+def test_new_identifier_is_listened_to_before_the_answer_is_sent(lockstep: bool) -> None:
     host = Host([(1000, REQUESTED)], until=10_000)
     send = host.send
 
@@ -700,7 +700,7 @@ def test_sync_comes_to_a_node_in_lockstep_that_does_not_hear_it() -> None:
     assert node.advances == [1000], "a stopped node has its heartbeat"
 
 
-def test_sync_is_what_the_node_says_it_is() -> None:
+def test_runner_takes_the_sync_identifier_of_the_node() -> None:
     other = Frame(0x081)
     node = ToyNode()
     node.ids = node.ids._replace(sync=other.can_id)

@@ -231,7 +231,7 @@ def test_a_pipe_that_nobody_reads_holds_nobody_up(pipe: Pipe) -> None:
     pipe.read()
 
 
-def test_what_was_dropped_is_counted_and_told_when_somebody_reads(pipe: Pipe) -> None:
+def test_dropped_terminal_lines_are_counted_and_reported_later(pipe: Pipe) -> None:
     pipe.fill()
     with pipe.writer:
         pass
