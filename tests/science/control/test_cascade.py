@@ -109,7 +109,7 @@ def test_a_bad_setpoint_turns_the_drive_off(where):
 
 @pytest.mark.parametrize("side", ["mu_left", "mu_right"])
 @pytest.mark.parametrize("wrong", [0.0, -0.3, 5e-324, 1e-6, 1e6, 1e306])
-def test_a_friction_reference_of_zero_or_beyond_sense_turns_the_drive_off(side, wrong):
+def test_friction_reference_of_zero_or_nan_turns_the_drive_off(side, wrong):
     cascade, plate = Cascade(), FirstOrderPlate()
     assert not any(cascade.contact)
     cascade.set_mode(Mode.FRICTION)
@@ -118,7 +118,7 @@ def test_a_friction_reference_of_zero_or_beyond_sense_turns_the_drive_off(side, 
 
 
 @pytest.mark.parametrize("doubt", [{"kappa": math.nan}, {"rate": math.inf}, {"w0": math.nan}])
-def test_a_belief_that_is_no_number_turns_off_or_gives_the_model_back(doubt):
+def test_learned_nan_turns_the_drive_off_or_restores_the_model(doubt):
     cascade, plate = begun(Mode.AMPLITUDE, 20, vibration_law=VibrationLaw.PREDICTIVE)
     learned = cascade.state.learned
     learned = learned._replace(belief=learned.belief._replace(**doubt))
@@ -159,7 +159,7 @@ def test_a_finger_turns_when_its_lateral_force_does(way):
         assert cascade.state.sliding.since_turn == 9
 
 
-def test_the_friction_law_feels_what_is_published():
+def test_friction_law_uses_the_published_cof():
     cascade, plate = begun(Mode.FRICTION, law=Law.PREDICTIVE)
     assert cascade.W_ref == 0.0
     run(cascade, plate, setpoint(), 30, lambda W: gauges(0.2, 0.1, 0.5))
@@ -183,7 +183,7 @@ def test_without_contact_no_force_loads_the_model():
     assert cascade.state.learned.contact == 0.0
 
 
-def test_the_frequency_of_a_driven_plate_alone_moves_step_by_step():
+def test_frequency_of_a_driven_plate_alone_is_slew_limited():
     cascade, plate = begun(Mode.AMPLITUDE, 3, setpoint(frequency=43390.0, amplitude=0.0))
     assert cascade.drive.voltage == 0.0
     run(cascade, plate, setpoint(frequency=43200.0), 1)
@@ -238,7 +238,7 @@ def test_off_is_at_once(mode):
     detuning=st.floats(-100.0, 100.0),
 )
 @settings(max_examples=100)
-def test_a_mode_change_moves_the_drive_by_what_the_new_error_asks_for(
+def test_mode_change_moves_the_drive_by_its_new_error_alone(
     before, after, ticks, amplitude, detuning
 ):
     cascade, plate, finger = cascade_with_texture(), FirstOrderPlate(), Finger()
@@ -260,7 +260,7 @@ def test_a_mode_change_moves_the_drive_by_what_the_new_error_asks_for(
         assert abs(new.frequency - old.frequency) <= bound + 1e-9
 
 
-def test_from_amplitude_to_resonance_the_frequency_in_force_is_kept():
+def test_mode_change_to_resonance_keeps_the_frequency_in_force():
     cascade, plate = begun(Mode.AMPLITUDE_RESONANCE, 60, setpoint(frequency=43250.0))
     assert cascade.limited == 0
     cascade.set_mode(Mode.FRICTION)
@@ -277,7 +277,7 @@ def test_open_loop_is_the_setpoint_within_limits():
     assert cascade.limited == Limit.VOLTAGE | Limit.FREQUENCY
 
 
-def test_open_loop_is_cut_to_what_the_bare_plate_may_reach():
+def test_open_loop_is_cut_to_the_limit_of_the_bare_plate():
     cascade, plate = Cascade(LIMITS, PlateModel(gain=80e-9)), FirstOrderPlate()
     cascade.set_mode(Mode.OPEN_LOOP)
     assert cascade.update(plate.measure(), setpoint(25.0)).voltage == 25.0, "80 nm/V: 2 um"
@@ -349,7 +349,7 @@ def test_the_same_parameters_change_nothing():
     assert cascade.mode is Mode.IDENTIFY
 
 
-def test_the_loops_go_on_to_the_bit_unless_they_are_designed_anew():
+def test_new_plan_keeps_the_loops_to_the_bit_unless_redesigned():
     drives = []
     for changed in (
         CascadeParameters(),
@@ -376,7 +376,7 @@ def test_adopted_model_is_designed_for():
     assert abs(plate.W) == pytest.approx(0.96e-6)
 
 
-def test_what_is_identified_is_kept_with_its_temperature_and_the_load_that_was_known():
+def test_identification_is_kept_with_its_temperature_and_load():
     cascade, plate = Cascade(model=PlateModel(load=1.3)), FirstOrderPlate()
     cascade.set_mode(Mode.IDENTIFY)
     while cascade.mode is Mode.IDENTIFY:
@@ -422,7 +422,7 @@ def test_a_law_reaches_the_reference(law, mu0, noise, mean, spread):
     assert not noise or law is Law.MEASURED or statistics.stdev(cofs) < 0.01 * MU_REF
 
 
-def test_law_accumulate_ends_in_a_limit_cycle_where_measured_settles():
+def test_law_accumulate_limit_cycles_where_measured_settles():
     cofs = friction_loop(Law.ACCUMULATE)
     assert max(cofs) - min(cofs) > 0.1 * MU_REF
     # It neither decays nor grows.
@@ -454,7 +454,7 @@ def test_another_law_goes_on_from_the_drive_in_force(law):
         assert cascade.drive.voltage == pytest.approx(before.voltage, rel=0.01)
 
 
-def test_what_the_law_predictive_has_learned_outlives_other_parameters_and_modes():
+def test_learned_state_of_predictive_outlasts_a_change_of_mode():
     finger = Finger()
     cascade, plate = begun(Mode.FRICTION, law=Law.PREDICTIVE)
     for x in (-8e-3, 8e-3) * 2:
@@ -490,7 +490,7 @@ def test_out_of_contact_the_amplitude_waits_at_its_nominal_value():
     assert cascade.mu_ref > 0.0
 
 
-def test_on_entering_the_mode_a_finger_inside_the_band_is_on_the_side_it_is_on():
+def test_friction_mode_starts_with_the_finger_on_its_side():
     cascade, plate = Cascade(), FirstOrderPlate()
     run(cascade, plate, setpoint(), 50, lambda W: gauges(Fn=0.5, x=-0.4e-3))
     cascade.set_mode(Mode.FRICTION)
@@ -574,7 +574,7 @@ def test_no_friction_law_has_a_part_in_a_texture():
     assert len(drives) == 1
 
 
-def test_a_finger_that_lifts_ends_what_is_known_of_its_place():
+def test_finger_that_lifts_ends_the_estimate_of_its_position():
     cascade, plate, finger = cascade_with_texture(), FirstOrderPlate(), Finger()
     cascade.set_mode(Mode.TEXTURE)
     run(cascade, plate, setpoint(), 100, finger.touch)
@@ -592,7 +592,7 @@ def test_mode_texture_without_one_turns_itself_off():
 
 
 @pytest.mark.parametrize("between", [Mode.AMPLITUDE, Mode.FRICTION])
-def test_a_profile_begins_with_the_mode_and_goes_on_without_a_finger(between):
+def test_profile_starts_with_the_mode_and_runs_without_a_finger(between):
     cascade, plate = (
         cascade_with_texture(CascadeParameters(preview=0.0), PROFILE),
         FirstOrderPlate(),
@@ -621,7 +621,7 @@ def test_another_profile_begins_at_once_from_its_start():
 
 
 @pytest.mark.parametrize("mode", [Mode.AMPLITUDE, Mode.IDENTIFY])
-def test_a_voltage_that_was_cut_is_a_limit_and_ends_an_identification(mode):
+def test_cut_voltage_sets_the_limit_bit_and_ends_identification(mode):
     cascade, plate = begun(mode)
     while not cascade.drive.voltage:
         run(cascade, plate, setpoint(), 1)
@@ -636,7 +636,7 @@ def test_a_voltage_that_was_cut_is_a_limit_and_ends_an_identification(mode):
     assert (found is None) == (mode is Mode.AMPLITUDE)
 
 
-def test_a_tared_plate_that_nobody_touches_is_identified_and_nothing_ends_before_it_begins():
+def test_identification_of_a_tared_plate_waits_for_its_start():
     cascade, plate = Cascade(), FirstOrderPlate()
     cascade.zero = (0.0,) * 6
     cascade.set_mode(Mode.AMPLITUDE)

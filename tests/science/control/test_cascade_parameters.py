@@ -54,7 +54,7 @@ MAKES = {
 
 
 @pytest.mark.parametrize("name", MAKES)
-def test_the_controllers_run_at_either_bound_of_a_parameter_and_refuse_what_is_beyond(name):
+def test_controllers_run_at_each_bound_of_a_parameter(name):
     for make in MAKES[name]:
         for parameters in made_at_bounds(name, make):
             runs(parameters)

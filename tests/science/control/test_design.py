@@ -38,7 +38,7 @@ def impulse_response(model, dead_time):
 @example(tau=1e-3, dead_time=0.0, pole=0.0)
 @example(tau=1e-3, dead_time=0.0, pole=0.2)
 @example(tau=1e-3, dead_time=1e-12, pole=0.2)
-def test_closed_loop_has_the_pole_asked_for_or_the_fastest_possible(tau, dead_time, pole):
+def test_closed_loop_pole_is_as_designed_or_the_fastest_possible(tau, dead_time, pole):
     model = PlateModel(gain=30e-9, tau=tau)
     a, b0, b1 = impulse_response(model, dead_time)
     pi = amplitude_pi(model, pole, dead_time)
@@ -52,7 +52,7 @@ def test_closed_loop_has_the_pole_asked_for_or_the_fastest_possible(tau, dead_ti
     assert reached == pole or dead_time > 0.0, "without dead time every pole is reached"
 
 
-def test_dead_time_of_almost_a_tick_allows_a_double_pole_of_one_half():
+def test_dead_time_near_a_tick_allows_a_double_pole_of_0_5():
     assert dominant_pole(1e-3, 0.1, 0.9999e-3) == pytest.approx(0.5, abs=1e-3)
 
 

@@ -51,7 +51,7 @@ def test_equation_9_is_odd_and_bounded(E):
     ("law", "W_ref"),
     [(Law.MEASURED, 1.4e-6), (Law.ACCUMULATE, 2.4e-6), (Law.NOMINAL, 3.4e-6)],
 )
-def test_what_the_step_is_added_to(law, W_ref):
+def test_friction_law_adds_its_step_to_its_base(law, W_ref):
     asked = asked_amplitude(law, step(10.0), amplitude=1e-6, W_ref=2e-6, W_nominal=3e-6)
     assert asked == pytest.approx(W_ref)
 

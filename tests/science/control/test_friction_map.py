@@ -62,7 +62,7 @@ def test_the_inverse_finds_the_amplitude_again(w, W):
 
 
 @given(weights, st.floats(1e-3, 1.0))
-def test_more_friction_than_without_vibration_asks_for_less_than_none(w, h):
+def test_amplitude_for_friction_above_mu0_is_below_0(w, h):
     assert amplitude_for(shape(w), h) < 0.0
 
 
@@ -111,7 +111,7 @@ def test_whatever_is_taught_the_belief_stays_one_of_a_finger(pairs):
         assert w.aa * w.bb >= w.ab * w.ab - 1e-9
 
 
-def test_the_components_have_no_part_at_rest_and_reach_over_the_range():
+def test_map_components_are_0_at_rest_and_span_the_range():
     assert {len(nodes) for nodes in (MEAN, FIRST, SECOND, THIRD)} == {LAST + 1}
     assert {nodes[0] for nodes in (MEAN, FIRST, SECOND, THIRD)} == {0.0}
     assert round(LAST * SPACING * 1e9) == 3000

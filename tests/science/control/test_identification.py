@@ -109,7 +109,7 @@ def identify(plate, start, known=None, sheet=None, **options):
 
 @given(model=models, off=st.floats(-2500.0, 2500.0), dead_time=st.floats(0.0, 0.9e-3))
 @settings(max_examples=25)
-def test_steps_tell_any_plate_however_far_off_and_late_they_are_made(model, off, dead_time):
+def test_identification_steps_fit_any_detuning_and_delay(model, off, dead_time):
     plate = FirstOrderPlate(model, dead_time=dead_time)
     V = 1e-6 / model.gain
     steps = _steps(V, model.f0 + off, 0j, 0.0, 4)
@@ -157,7 +157,7 @@ def test_a_point_off_the_resonance_is_told_by_how_much(share, least, most):
 
 
 @pytest.mark.parametrize(("gain", "last"), [(50e-9, 20.0), (5e-9, 150.0), (400e-9, 1.0)])
-def test_the_voltage_is_doubled_up_to_its_limit_until_the_plate_vibrates(gain, last):
+def test_identification_doubles_the_voltage_up_to_its_limit(gain, last):
     V, drives = carried_out(_probe(150.0, 43_390.0, 0j, 1e-10), FirstOrderPlate(PlateModel(gain)))
     voltages = sorted({drive.voltage for drive in drives})
     assert voltages == [drive.voltage for drive in drives][:: len(drives) // len(voltages)]
@@ -176,7 +176,7 @@ def test_a_noisy_pickup_asks_for_more_vibration():
     assert plate.gain * noisy == pytest.approx(15.0 * 30e-9, rel=0.01)
 
 
-def test_a_plate_that_hardly_vibrates_is_refused_at_the_largest_voltage():
+def test_identification_refuses_a_silent_plate_at_most_voltage():
     procedure = _probe(150.0, 43_390.0, 0j, 10e-9)
     plate, drive = FirstOrderPlate(PlateModel(gain=1e-9)), next(procedure)
     plate.model = PlateModel(gain=1e-9)
@@ -198,7 +198,7 @@ def test_a_deviation_is_that_of_an_axis():
 
 
 @pytest.mark.parametrize("factor", [0.2, 0.6, 0.88])
-def test_what_changes_gain_and_tau_alike_is_a_finger_and_nothing_else_is(factor):
+def test_equal_change_of_gain_and_tau_is_a_finger(factor):
     known = PlateModel()
     loaded = PlateModel(factor * known.gain, factor * known.tau)
     percent = f"{100 * (1 - factor):.0f} % below the model"
@@ -218,7 +218,7 @@ def test_what_changes_gain_and_tau_alike_is_a_finger_and_nothing_else_is(factor)
         (50e-9, 1.5e-3, "tau 1.5 ms is +50 % off the data sheet's 1 ms, 20 % are believed"),
     ],
 )
-def test_what_is_off_the_data_sheet_is_told_in_its_units(gain, tau, message):
+def test_identification_off_the_data_sheet_names_units(gain, tau, message):
     sheet = CascadeParameters(sheet_gain=50e-9, sheet_tau=1e-3, sheet_tolerance=0.2)
     with pytest.raises(IdentificationError, match=re.escape(message)):
         _require_data_sheet(PlateModel(gain, tau), sheet)
@@ -226,7 +226,7 @@ def test_what_is_off_the_data_sheet_is_told_in_its_units(gain, tau, message):
 
 @pytest.mark.parametrize("share", [0.1, 0.2])
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_a_plate_is_believed_to_within_the_tolerance_of_its_data_sheet(side, share):
+def test_identified_plate_is_believed_within_its_data_sheet(side, share):
     sheet = CascadeParameters(sheet_gain=50e-9, sheet_tau=1e-3, sheet_tolerance=share)
     within, beyond = (1.0 + side * (share + margin) for margin in (-0.01, 0.01))
     _require_data_sheet(PlateModel(50e-9 * within, 1e-3 * (2.0 - within)), sheet)
@@ -246,7 +246,7 @@ def test_a_pickup_whose_gain_depends_on_the_amplitude_is_told():
     _require_linear(model, other, 0.05)
 
 
-def test_a_sweep_goes_from_end_to_end_and_waits_at_each_frequency():
+def test_sweep_covers_its_range_and_settles_at_each_frequency():
     sweep = _Sweep(43_300.0, 43_500.0, 7, 12, 0j, 1e-12)
     found = Identification(PlateModel(), 43_390.0, CascadeParameters())
     model, drives = carried_out(found._sweep(10.0, sweep, 5), FirstOrderPlate())
@@ -257,7 +257,7 @@ def test_a_sweep_goes_from_end_to_end_and_waits_at_each_frequency():
     assert model.f0 == pytest.approx(43_390.0, abs=0.1)
 
 
-def test_it_rests_first_sweeps_the_width_of_the_resonance_and_again_at_half_the_voltage():
+def test_identification_rests_then_sweeps_twice_at_half_voltage():
     plate = FirstOrderPlate()
     found, drives, _ = identify(plate, 43_390.0)
     assert found.model.gain == pytest.approx(plate.model.gain, rel=1e-3)
@@ -281,7 +281,7 @@ def ended(Ws):
     return found.failure
 
 
-def test_what_is_too_large_or_too_noisy_is_told_in_its_unit():
+def test_excess_vibration_or_noise_is_refused_in_its_unit():
     assert ended([0j] + [2e-6 + 0j] * 200) == "vibration 2.00 um is above 1.5 um"
     # To and fro by 80 nm on one axis is 59 nm on each.
     noisy = [(-1) ** tick * 80e-9 + 0j for tick in range(100)]
@@ -296,7 +296,7 @@ def test_a_plate_that_does_nothing_has_no_decay():
             procedure.send(0j)
 
 
-def test_a_plate_that_is_far_off_rests_before_it_is_looked_for_anew():
+def test_far_resonance_is_approached_after_a_rest():
     found, drives, _ = identify(FirstOrderPlate(), 42_700.0)
     there = [d for d in drives if abs(d.frequency - 43_390.0) < 1.0]
     assert {drive.voltage for drive in there[:80]} == {0.0}
@@ -457,7 +457,7 @@ def test_a_pickup_that_is_not_linear_is_refused():
 
 @pytest.mark.parametrize("softening", [-60e6, 0.0, 60e6, 100e6, 150e6])
 @pytest.mark.parametrize("start", [42850.0, 43390.0])
-def test_a_resonance_that_falls_with_the_amplitude_is_told_by_how_much(softening, start):
+def test_identification_finds_the_softening_of_a_plate(softening, start):
     plate = PlateParameters(resonator=ResonatorParameters(softening=softening))
     found, _, _ = identify(Simulated(start, plate), start)
     assert found.model, found.failure
@@ -511,7 +511,7 @@ def test_a_delay_that_is_not_the_one_told_is_named(dead_time, window, told, seen
 
 @pytest.mark.parametrize("offset", [-600.0, 300.0, 900.0])
 @pytest.mark.parametrize("share", [0.2, 0.3])
-def test_a_plate_with_a_mode_beside_is_refused_and_its_delay_is_not_believed(share, offset):
+def test_plate_with_a_neighbouring_mode_is_refused(share, offset):
     mode = ResonatorParameters(neighbour_share=share, neighbour_offset=offset)
     beside = Simulated(43250.0, PlateParameters(resonator=mode), dead_time=540e-6)
     found, _, _ = identify(beside, 43250.0, dead_time=540e-6)
@@ -561,7 +561,7 @@ def drawn_plate(seed):
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_accuracy_with_noise_quantisation_offset_and_a_wrong_start(seed):
+def test_identification_accuracy_with_noise_offset_and_detuning(seed):
     plate, start = drawn_plate(seed)
     cascade, ticks, largest = in_the_mode(plate, start)
     assert cascade.identification.state is IdentificationState.DONE, cascade.reason

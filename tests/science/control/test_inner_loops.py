@@ -136,9 +136,7 @@ def test_a_held_frequency_is_cut_to_new_limits(limits, held, limited):
 
 @pytest.mark.parametrize("dead_time", [0.0, 0.1e-3])
 @pytest.mark.parametrize("frequency", [42700.0, 42790.0, 42900.0, 43990.0, 44000.0])
-def test_a_start_at_the_largest_amplitude_off_resonance_overshoots_by_less_than_9_percent(
-    frequency, dead_time
-):
+def test_largest_step_off_resonance_overshoots_below_9_percent(frequency, dead_time):
     target = setpoint(frequency=frequency, amplitude=3e-6)
     ticks = started(Mode.AMPLITUDE_RESONANCE, target, dead_time)
     assert max(max(abs(tick.W.real), abs(tick.W.imag)) for tick in ticks) < 3.27e-6
@@ -174,7 +172,7 @@ def test_a_frequency_beyond_the_limits_is_cut_and_told(law, asked, cut):
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_limits_that_close_in_hold_at_once_and_end_nothing_and_wind_nothing_up(law):
+def test_narrowing_limits_hold_at_once_without_windup(law):
     cascade, plate, parameters = driven(law, Mode.AMPLITUDE_RESONANCE)
     cascade.configure(replace(parameters, V_max=10.0, f_max=43_300.0))
     run(cascade, plate, setpoint(), 1)
@@ -198,7 +196,7 @@ def test_a_voltage_that_would_be_negative_is_told(law):
 
 
 @pytest.mark.parametrize("law", [VibrationLaw.PI, VibrationLaw.SCHEDULED])
-def test_in_mode_texture_the_amplitude_of_pi_follows_the_finger_and_the_resonance_does_not(law):
+def test_texture_mode_of_pi_schedules_amplitude_not_resonance(law):
     """A change of ``|W|`` in a tick moves the voltage by the gain of C_W, and W_q the frequency."""
 
     def moved(mode):
@@ -222,7 +220,7 @@ def test_in_mode_texture_the_amplitude_of_pi_follows_the_finger_and_the_resonanc
 
 
 @pytest.mark.parametrize("Fn", [0.0, 0.3, 1.0, 2.9])
-def test_scheduled_loops_are_those_of_a_bare_plate_with_the_design_of_the_force(Fn):
+def test_scheduled_loops_equal_a_bare_plate_of_that_force(Fn):
     cascade, _, _ = driven(VibrationLaw.SCHEDULED, Mode.AMPLITUDE_RESONANCE)
     plan, state = cascade.plan, cascade.state
     row = plan.rows[row_of(Fn, len(plan.rows))]

@@ -151,9 +151,7 @@ somewhere = st.tuples(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(-2e3
     off=st.floats(-2e3, 2e3),
 )
 @settings(max_examples=50)
-def test_a_prediction_is_the_plates_and_its_derivatives_are_those_of_the_plate(
-    at, dead_time, W, voltages, off
-):
+def test_prediction_and_derivatives_equal_those_of_the_plate(at, dead_time, W, voltages, off):
     span = Span(voltages[0], W0 - off, voltages[1], W0 + 0.5 * off)
 
     def moves(kappa, rate, w0):
@@ -179,7 +177,7 @@ def test_a_prediction_is_the_plates_and_its_derivatives_are_those_of_the_plate(
     assert variance > 0.0
 
 
-def test_a_jump_of_the_voltage_is_what_an_instant_told_wrongly_shifts():
+def test_wrong_drive_instant_shifts_by_the_jump_of_the_voltage():
     """By the voltage it differs by, over the jitter: the derivative by the dead time."""
     span = Span(10.0, W0, 40.0, W0)
     late = _predict(PRIOR, MODEL, BUS, 0j, span, 1e-6)[1]
@@ -188,7 +186,7 @@ def test_a_jump_of_the_voltage_is_what_an_instant_told_wrongly_shifts():
     assert _predict(PRIOR, MODEL, BUS, 0j, Span(40.0, W0, 40.0, W0), 1e-6)[1] == 0j
 
 
-def test_a_prediction_is_as_unsure_as_two_readings_and_more_so_of_a_large_or_jumping_one():
+def test_prediction_variance_grows_with_size_and_jump():
     def variance(W, V_before, V):
         return _predict(PRIOR, MODEL, BUS, W, Span(V_before, W0, V, W0), 1e-6)[-1]
 
@@ -228,7 +226,7 @@ def test_one_axis_teaches_as_a_kalman_filter(slopes, innovation, variance):
     assert found[4:] == pytest.approx(P[np.triu_indices(4)], rel=1e-6, abs=1e-12)
 
 
-def test_what_was_learned_is_forgotten_in_10_s_and_of_the_damping_in_20_ms():
+def test_learned_variance_grows_in_10_s_of_damping_in_20_ms():
     """Of the variance that is left out by then e^-2; what hangs together keeps to it."""
     sure = PRIOR._replace(kk=0.0, rr=0.0, ww=0.0, ss=0.0)
     for tick in range(10_001):
@@ -241,7 +239,7 @@ def test_what_was_learned_is_forgotten_in_10_s_and_of_the_damping_in_20_ms():
     assert sure.rr == pytest.approx(PRIOR.rr)
 
 
-def test_a_finger_that_presses_makes_the_resonance_unsure_as_well():
+def test_pressing_finger_raises_the_variance_of_the_resonance():
     """1/tau changes e-fold under it, and the resonance by some 200 rad/s."""
     for change in (0.3, -0.3):
         belief = fade(PRIOR, change)
@@ -257,7 +255,7 @@ def test_the_model_is_as_unsure_as_plates_differ():
 
 
 @pytest.mark.parametrize("dead_time", [0.0, BUS])
-def test_a_drive_was_lost_if_the_one_before_explains_nearly_all_that_is_off(dead_time):
+def test_drive_is_lost_if_the_one_before_explains_the_error(dead_time):
     span, W = Span(10.0, W0, 60.0, W0), 0.4e-6 + 0j
     kept = moved(MODEL, dead_time, W, with_first_only(span))
     came = moved(MODEL, dead_time, W, span)
@@ -285,7 +283,7 @@ def test_a_drive_was_lost_if_the_one_before_explains_nearly_all_that_is_off(dead
     [(0.08, True), (0.12, False), (-0.12, False), (0.05 + 0.25j, True), (0.05 - 0.25j, True),
      (0.05 + 0.35j, False), (0.05 - 0.35j, False)],
 )  # fmt: skip
-def test_a_lost_drive_may_leave_a_tenth_along_the_error_and_three_tenths_across(left, lost):
+def test_lost_drive_leaves_a_tenth_along_the_error_0_3_across(left, lost):
     span, W = Span(10.0, W0, 60.0, W0), 0.4e-6 + 0j
     kept = moved(MODEL, BUS, W, with_first_only(span))
     came = moved(MODEL, BUS, W, span)
@@ -337,9 +335,7 @@ def test_no_number_gives_the_model_back(bad):
     dead_time=st.sampled_from([0.0, 250e-6, 540e-6, 999e-6]),
 )
 @settings(max_examples=200)
-def test_the_voltage_brings_the_amplitude_to_a_tenth_of_the_error(
-    W, V_before, off, W_ref, dead_time
-):
+def test_voltage_brings_the_amplitude_to_a_tenth_of_the_error(W, V_before, off, W_ref, dead_time):
     span = Span(V_before, W0 - off, 0.0, W0 - off)
     V = voltage_for(MODEL, SURE, dead_time, W, span, W_ref)
 
@@ -369,7 +365,7 @@ def test_a_step_is_held_back_by_as_much_as_is_unsure():
 @settings(max_examples=50)
 @example(spread=(0.0, 0.5, 0.0), hang=(0.0, 0.0, 0.0), off=0.0)
 @example(spread=(0.0, 0.0, 1500.0), hang=(0.0, 0.0, 0.0), off=2000.0)
-def test_what_a_volt_does_is_as_unsure_as_each_of_the_three_makes_it(spread, hang, off):
+def test_variance_of_a_volt_sums_those_of_three_parameters(spread, hang, off):
     """The standard uncertainty of its logarithm, by its derivatives: as a share of the step."""
     shape = np.array([[1, hang[0], hang[1]], [hang[0], 1, hang[2]], [hang[1], hang[2], 1]])
     P = np.outer(spread, spread) * shape
@@ -472,7 +468,7 @@ def test_small_and_large_amplitudes(W_ref, most):
     assert overshoot < most
 
 
-def test_the_noise_of_the_pickup_moves_the_plate_by_less_than_itself():
+def test_pickup_noise_moves_the_plate_by_less_than_itself():
     plate = FirstOrderPlate(dead_time=BUS, noise=1e-9)
     W = amplitudes(predicting(), plate, setpoint(), 1000)
     assert np.std(W[100:]) < 1.0e-9
@@ -525,7 +521,7 @@ def observed_at(temperatures, learned=None):
     return learned
 
 
-def test_the_temperature_is_that_of_the_first_tick_and_then_followed_within_seconds():
+def test_temperature_starts_at_the_first_tick_then_follows():
     first = observed_at([31.0])
     assert first.temperature == 31.0
     assert (first.plate.w0 - W0) / (2 * math.pi) == pytest.approx(F0_SLOPE * 11.0)
@@ -540,7 +536,7 @@ def test_the_temperature_is_that_of_the_first_tick_and_then_followed_within_seco
     assert observed_at([120.0]).temperature == 120.0
 
 
-def test_nothing_is_asked_for_before_something_was_seen_nor_changed_before_two_were():
+def test_predictive_law_holds_until_two_readings():
     prior = prior_of(PlateModel(), 0.0)
     nothing = unlearned(prior)
     assert nothing.plate.rate == pytest.approx(1.0 / PlateModel().tau)
@@ -569,7 +565,7 @@ def test_an_offset_of_the_pickup_teaches_nothing(size, learns):
     assert (learned.belief[:3] != (0.0, 0.0, 0.0)) == learns
 
 
-def test_a_force_is_believed_within_a_few_ticks_and_its_noise_is_not():
+def test_force_is_followed_in_a_few_ticks_without_its_noise():
     prior = prior_of(PlateModel(), 0.0)
     contacts, learned = [], unlearned(prior)
     for _ in range(10):
@@ -647,7 +643,7 @@ def test_a_drive_that_was_lost_is_not_taken_for_another_plate(lost, most, dead_t
 
 @pytest.mark.parametrize("amplitude", [0.5e-6, 1.5e-6, 2.5e-6])
 @pytest.mark.parametrize("change", [0.4, 0.5, 0.7, 1.4, 2.0])
-def test_a_plate_that_changes_in_a_step_is_not_taken_for_lost_drives(change, amplitude):
+def test_step_change_of_the_plate_is_not_taken_for_lost_drives(change, amplitude):
     """One drive may seem lost by chance, where a volt does less just as more volts are asked."""
     cascade, plate = driven()
     plate.model = PlateModel(gain=50e-9 * change)

@@ -101,7 +101,7 @@ def test_it_begins_with_the_amplitude_there_is():
     assert abs(bench.W - 1e-6) < 0.15e-6
 
 
-def test_a_touch_begins_settled_and_learns_once_it_was_felt_for_a_while():
+def test_touch_starts_settled_and_learns_after_frozen_ticks():
     bench = Bench()
     begun = bench.touch
     assert follow_map(begun, begun.sample).path == pytest.approx(begun.path)
@@ -119,7 +119,7 @@ def test_a_model_of_the_path_that_rings_below_0_teaches_nothing():
     assert follow_map(touch, bench.sample(LOW)).m0 == touch.m0
 
 
-def test_a_plateau_is_the_mean_of_its_ticks_and_the_next_begins_from_nothing():
+def test_plateau_is_the_mean_of_its_ticks_and_starts_afresh():
     draw, so_far = random.Random(2), NOTHING
     for made in range(3):
         ticks = [
@@ -148,7 +148,7 @@ def test_a_plateau_begins_anew_where_amplitude_or_level_leave_it(dW, dm0):
 
 
 @pytest.mark.parametrize("turned", [True, False])
-def test_what_cuts_a_plateau_short_leaves_nothing_of_it(turned):
+def test_plateau_cut_short_leaves_no_sample(turned):
     so_far = NOTHING
     for _ in range(PLATEAU_TICKS + 7):
         so_far = gathered(so_far, -1.3, 1e-6, -0.9, 0.1)
@@ -160,7 +160,7 @@ def test_what_cuts_a_plateau_short_leaves_nothing_of_it(turned):
     assert so_far.last == pytest.approx((-0.7, 1.01e-6, -0.5), rel=1e-9, abs=0.0)
 
 
-def test_a_step_and_a_turn_cut_a_plateau_short_and_are_counted_from():
+def test_step_and_turn_end_a_plateau_and_restart_their_counts():
     bench = Bench().passes(1)
     bench.run(60, LOW)
     for event, counted in ((HIGH, "since_step"), (None, "since_turn")):
@@ -373,7 +373,7 @@ def test_a_ramp_of_the_reference_is_followed():
     assert max(late) < 0.004
 
 
-def test_what_no_amplitude_reaches_is_below_0():
+def test_amplitude_for_unreachable_friction_is_below_0():
     bench = Bench()
     bench.run(300, 0.7)
     assert bench.W == 0.0
@@ -390,7 +390,7 @@ def test_absurd_friction_leaves_numbers(mu):
         assert math.isfinite(amplitude_asked(bench.touch))
 
 
-def test_what_was_learned_outlives_the_touch_and_nothing_else():
+def test_learned_map_alone_outlasts_the_touch():
     cascade = Cascade(CascadeParameters(law=Law.PREDICTIVE))
     cascade.set_mode(Mode.FRICTION)
 
@@ -411,7 +411,7 @@ def test_what_was_learned_outlives_the_touch_and_nothing_else():
 
 
 @pytest.mark.parametrize("steepness", [0.4, 2.0, 4.5])
-def test_a_finger_of_another_slope_than_was_learned_does_not_ring(steepness):
+def test_finger_of_another_slope_does_not_ring(steepness):
     bench = Bench(PRIOR, mu0=0.5, known=Known(PRIOR, shape(PRIOR), 1))
     bench.nodes = tuple(steepness * h for h in bench.nodes)
     bench.run(300, HIGH)
@@ -420,7 +420,7 @@ def test_a_finger_of_another_slope_than_was_learned_does_not_ring(steepness):
     assert max(found[-50:]) - min(found[-50:]) < 1e-4
 
 
-def test_until_it_slides_the_amplitude_stays_and_then_the_friction_is_believed_at_once():
+def test_amplitude_is_held_until_sliding_then_friction_counts():
     bench = Bench()
     bench.ln_mu0 -= 3.0  # It rests, and hardly pulls.
     bench.touch = begin_map(bench.sample(LOW), ANYBODY)

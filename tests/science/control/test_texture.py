@@ -69,7 +69,7 @@ def test_a_line_begins_at_rest_where_the_finger_is():
     assert line_from(2e-3) == Line(2e-3, 0.0, 1.0, 0.0)
 
 
-def test_a_steady_speed_is_followed_without_lag_from_the_second_sample():
+def test_steady_speed_is_followed_without_lag_from_sample_two():
     places = [1e-3 + SPEED * TICK * tick for tick in range(500)]
     for line, place in zip(followed(places, noise=0.0)[1:], places[1:], strict=True):
         assert line.position == pytest.approx(place, abs=1e-12)
@@ -97,7 +97,7 @@ def test_a_turn_makes_the_memory_short_and_is_followed():
     assert root_mean_square(late) < 0.08e-3
 
 
-def test_the_memory_does_not_grow_for_ever_nor_where_noise_is_not_expected():
+def test_position_memory_is_bounded_and_shrinks_without_noise():
     places = [SPEED * TICK * tick for tick in range(600)]
     assert followed(places)[-1].samples == LONG
     assert followed(places, unsure=0.0)[-1].samples <= SHORT + 1.0
@@ -108,7 +108,7 @@ def test_a_young_line_grows_by_a_sample_however_it_bends(samples):
     assert prolonged(Line(0.0, 0.0, samples, 1.0), 1.0, 1e-4).samples == samples + 1.0
 
 
-def test_at_a_steady_speed_the_lag_of_the_force_path_is_made_up_for():
+def test_lag_of_the_force_path_is_compensated_at_steady_speed():
     sensors = SensorParameters()
     phi = propagator(TICK, sensors.path_frequency, sensors.path_damping)
     texture = texture_of(TextureTable(Axis.POSITION, False, 0, 10_000_000, (3000, 9000)))
@@ -122,7 +122,7 @@ def test_at_a_steady_speed_the_lag_of_the_force_path_is_made_up_for():
 
 @pytest.mark.parametrize("repeats", [True, False])
 @pytest.mark.parametrize("axis", list(Axis))
-def test_the_reference_is_that_of_the_table_where_the_finger_is_or_when(axis, repeats):
+def test_texture_reference_follows_position_or_time(axis, repeats):
     table = TextureTable(axis, repeats, 0, 1_000_000, (3000, 4000, 3500, 4200))
     texture = texture_of(table)
     for share in (0.0, 0.3, 1.6, 2.9, 3.4):
@@ -196,7 +196,7 @@ def test_the_map_is_learned_from_the_texture(s):
         assert cofs[tick] == pytest.approx(grating(1000)[tick], rel=0.03)
 
 
-def test_the_amplitude_is_held_until_the_finger_is_known_to_slide_and_then_moves_without_a_bump():
+def test_amplitude_is_held_until_sliding_then_moves_smoothly():
     finger = Finger(1.0)
     touches, _ = played(finger, [0.5] * 100)
     assert [touch.W_ref for touch in touches[:FROZEN_TICKS]] == [1e-6] * FROZEN_TICKS
@@ -222,7 +222,7 @@ def test_a_finger_that_pulls_by_nothing_has_not_turned():
 
 
 @pytest.mark.parametrize(("mu_ref", "W"), [(1.5, 0.0), (0.01, W_MAX)])
-def test_what_no_amplitude_reaches_ends_at_the_limit(mu_ref, W):
+def test_unreachable_texture_friction_ends_at_the_limit(mu_ref, W):
     touches, _ = played(Finger(1.0), [mu_ref] * 200)
     assert touches[-1].W_map == W
 
@@ -270,7 +270,7 @@ def test_no_errors_make_the_map_turn_round(error):
     assert known.mm * known.ss >= known.ms * known.ms
 
 
-def test_a_tick_is_that_of_a_kalman_filter_whose_errors_are_bounded():
+def test_texture_filter_tick_is_a_bounded_kalman_filter():
     known, x, P = ANYBODY, np.array(ANYBODY[:2]), np.diag([ANYBODY.mm, ANYBODY.ss])
     draw = random.Random(4)
     for tick in range(300):
@@ -291,7 +291,7 @@ def test_a_tick_is_that_of_a_kalman_filter_whose_errors_are_bounded():
         assert known == pytest.approx((*x, P[0, 0], P[0, 1], P[1, 1]), rel=1e-9)
 
 
-def test_what_is_not_excited_is_not_unlearned_beyond_any_finger():
+def test_map_variance_without_excitation_is_bounded():
     known = ANYBODY
     for _ in range(200_000):
         known = learned(known, -0.3, 0.0, 0.02, False)
@@ -299,7 +299,7 @@ def test_what_is_not_excited_is_not_unlearned_beyond_any_finger():
     assert known.s == 1.0
 
 
-def test_what_was_learned_outlives_a_touch_but_not_the_level():
+def test_learned_steepness_outlasts_a_touch_not_the_level():
     finger = Finger(1.8)
     touches, _ = played(finger, grating(1000))
     before = touches[-1].known
@@ -310,7 +310,7 @@ def test_what_was_learned_outlives_a_touch_but_not_the_level():
     assert after.m0 == pytest.approx(M0 + 0.3, abs=0.1)
 
 
-def test_a_plate_that_does_not_follow_is_driven_by_the_error_and_teaches_nothing_at_first():
+def test_plate_that_does_not_follow_is_driven_by_the_error():
     finger = Finger(1.0)
     touches, _ = played(finger, grating(500))
     last = touches[-1]

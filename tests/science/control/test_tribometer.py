@@ -193,7 +193,7 @@ def test_filter_cuts_the_noise_of_the_position_to_a_quarter():
     assert statistics.pstdev(positions[500:]) == pytest.approx(0.25e-3, rel=0.05)
 
 
-def test_a_sample_counts_as_in_a_least_squares_line_until_the_memory_fades():
+def test_tribometer_sample_weighs_as_in_least_squares_at_first():
     """Its share in the line at its own place is the leverage of the last of n samples."""
     faded = followed((True, 0.0, 0.0, 10_000), 1.0)[1]
     for n in range(2, 80):

@@ -62,9 +62,7 @@ vibrations = st.builds(complex, st.floats(-4e-6, 4e-6), st.floats(-4e-6, 4e-6))
 @given(W_ref=references.map(lambda share: 6e-6 * share), W=vibrations, tracked=st.booleans())
 @example(W_ref=3e-6, W=0.05e-6 + 0.05e-6j, tracked=True)
 @example(W_ref=3e-6, W=1e-6 + 1e-6j, tracked=False)
-def test_a_reference_is_cut_to_its_limits_and_lowered_only_while_the_resonance_is_sought(
-    W_ref, W, tracked
-):
+def test_amplitude_reference_is_cut_and_lowered_during_search(W_ref, W, tracked):
     allowed = allowed_amplitude(W_ref, 3e-6, W, abs(W), tracked)
     within = 3e-6 if math.isnan(W_ref) else min(max(W_ref, 0.0), 3e-6)
     assert 0.0 <= allowed <= within
@@ -74,7 +72,7 @@ def test_a_reference_is_cut_to_its_limits_and_lowered_only_while_the_resonance_i
 
 
 @pytest.mark.parametrize(("tangent", "lowered"), [(0.4, False), (0.6, True), (-0.6, True)])
-def test_off_resonance_the_largest_reference_leaves_room_for_the_overshoot(tangent, lowered):
+def test_amplitude_reference_leaves_room_for_overshoot(tangent, lowered):
     """It overshoots by up to 29 %, and the range of the pick-up is 9 % more than the limit."""
     W = complex(1e-6, 1e-6 * tangent)
     allowed = allowed_amplitude(3e-6, 3e-6, W, abs(W), True)

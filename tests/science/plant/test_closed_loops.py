@@ -183,7 +183,7 @@ def up_step(number):
 
 
 @pytest.mark.parametrize("number", range(6))
-def test_a_step_of_the_predictive_friction_law_is_quick_and_lands(number):
+def test_predictive_friction_step_is_fast_and_accurate(number):
     """Through the dead time of a bus."""
     curve = up_step(number)
     assert curve[20] < 0.15  # The reference steps here.

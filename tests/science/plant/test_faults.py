@@ -73,7 +73,7 @@ def readings(said: Measurement) -> list[float]:
         (FaultKind.OFFSET, 1_000_000, lambda sound, size, end: [end for _ in sound]),
     ],
 )
-def test_a_broken_sensor_reads_by_its_kind_and_leaves_the_others_alone(
+def test_broken_sensor_reads_by_its_kind_others_are_unchanged(
     kind: FaultKind, value: int, expected: Callable[..., list[float]], sensor: int
 ) -> None:
     sound, broken = both(Fault(kind, sensor, value))
@@ -92,7 +92,7 @@ def test_a_broken_sensor_reads_by_its_kind_and_leaves_the_others_alone(
 
 
 @pytest.mark.parametrize("sensor", [1, 5, THERMOMETER])
-def test_gain_scales_the_reading_to_the_nearest_step_of_the_converter(sensor: int) -> None:
+def test_gain_fault_scales_the_reading_to_the_nearest_count(sensor: int) -> None:
     sound, broken = both(Fault(FaultKind.GAIN, sensor, 777))
     _, step = UNITS_AND_STEPS[sensor - 1]
     for one, other in zip(sound, broken, strict=True):
@@ -125,7 +125,7 @@ def test_crack_shifts_the_resonance_and_so_does_heat() -> None:
     assert it.resonance == pytest.approx(before - 60 * 14.0)
 
 
-def test_what_does_not_heat_leaves_the_temperature_that_the_plate_has() -> None:
+def test_slam_fault_does_not_heat_the_plate() -> None:
     it = plate(finger=False)
     run(it, 50)
     warm = it.temperature
@@ -225,7 +225,7 @@ voltages = st.floats(0.0, 500.0) | st.just(0.0)
 
 @given(stuck=voltages, commanded=voltages)
 @settings(max_examples=50)
-def test_a_stage_puts_out_what_is_commanded_unless_it_is_stuck(stuck, commanded):
+def test_stage_follows_its_command_unless_stuck(stuck, commanded):
     stage = PowerStage()
     assert stage.put_out(commanded) == commanded
     stage.stick(stuck)

@@ -38,7 +38,7 @@ def test_stroke_is_smooth():
     assert np.max(np.abs(np.diff(Fn))) < 0.6 * math.pi / 2 * 1e-3 / 0.1 * 1.01
 
 
-def test_speed_is_constant_in_the_middle_and_varies_from_pass_to_pass():
+def test_stroke_speed_is_constant_in_the_middle_of_each_pass():
     x, _ = follow(Stroke(0.5, 0.06, 0.03), 20.0).T
     v = np.abs(np.diff(x)) / 1e-3
     middle = np.flatnonzero(np.abs(x[:-1]) < 8e-3)
@@ -62,7 +62,7 @@ def test_stroke_is_a_function_of_time_in_any_order(times, seed):
     assert answers == [asked.at(t) for t in times]
 
 
-def test_one_pass_follows_another_and_force_and_speed_fill_their_ranges():
+def test_passes_follow_each_other_and_fill_their_ranges():
     stroke = Stroke(0.5, 0.06, 0.03, force_variation=0.2, speed_variation=0.3, rest=0.7, press=0.1)
     passes = stroke.passes(300)
     assert len(passes) == 300
@@ -90,7 +90,7 @@ def test_seeds_give_other_passes():
 @pytest.mark.parametrize(
     "name", ["force", "speed", "travel", "force_variation", "speed_variation", "rest", "press"]
 )
-def test_a_stroke_slides_at_either_bound_of_a_number_and_one_beyond_it_is_refused(name):
+def test_stroke_slides_at_each_bound_and_refuses_values_beyond(name):
     for finger in made_at_bounds(name, lambda value: Stroke(**{name: value})):
         begins = finger.passes(1)[0].start
         for elapsed in (0.0, 0.1, 1.0, 10.0):
@@ -99,7 +99,7 @@ def test_a_stroke_slides_at_either_bound_of_a_number_and_one_beyond_it_is_refuse
             assert 0.0 < Fn < 10.0
 
 
-def test_a_trajectory_reaches_to_the_ends_of_the_plate_and_as_far_as_a_force_is_a_fingers():
+def test_trajectory_is_limited_to_the_plate_and_a_fingers_force():
     finger = Trajectory([(0.0, -38e-3, 0.0), (1e9, 38e-3, 10.0)])
     assert finger.at(1e9) == (38e-3, 10.0)
 

@@ -103,9 +103,7 @@ def test_out_of_reach_is_refused():
     W_max=st.floats(0.5e-6, 3e-6),
 )
 @settings(max_examples=30)
-def test_the_reach_is_that_of_the_worst_place_with_5_percent_to_spare(
-    subject, forces, speeds, W_max
-):
+def test_reach_is_that_of_the_worst_place_with_5_percent_margin(subject, forces, speeds, W_max):
     places = [
         (v, Fn, occlusion)
         for v in np.linspace(*speeds, 33)
@@ -122,7 +120,7 @@ def test_the_reach_is_that_of_the_worst_place_with_5_percent_to_spare(
         check_reach(subject, 1.001 * least / 0.95, 1.001 * most / 1.05, **ranges)
 
 
-def test_unless_told_the_reach_is_asked_for_where_a_stroke_goes_and_the_controllers_do():
+def test_default_reach_is_over_the_stroke_and_amplitude_limits():
     asked = {n: p.default for n, p in inspect.signature(check_reach).parameters.items()}
     stroke = {n: p.default for n, p in inspect.signature(Stroke).parameters.items()}
     for name in ("force", "speed"):
@@ -146,7 +144,7 @@ def test_five_subjects_differ_as_in_fig_2():
 @pytest.mark.parametrize("subject", SUBJECTS, ids=lambda s: s.name)
 @pytest.mark.parametrize("W", [0.0, 0.3e-6, 2e-6])
 @pytest.mark.parametrize("v", [1e-3, 0.02, 0.3])
-def test_the_slopes_are_those_of_the_friction_over_speed_and_vibration(subject, W, v):
+def test_friction_slopes_are_those_over_speed_and_vibration(subject, W, v):
     friction = friction_map(subject, F0)
 
     def difference(more_W, more_v):

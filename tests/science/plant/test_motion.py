@@ -28,7 +28,7 @@ def make(finger, **contact):
 
 
 @pytest.mark.parametrize("steps", [1, 4, 16])
-def test_the_film_follows_a_ramp_as_a_first_order_lag_whatever_the_step(steps):
+def test_film_follows_a_ramp_as_first_order_lag_at_any_step(steps):
     lag, duration = 2e-3, 3e-3
     share = film_share(duration / steps, lag)
     ramp = np.linspace(1e-6, 4e-6, steps + 1)
@@ -91,7 +91,7 @@ def test_substeps_behind_a_film_are_enough(monkeypatch):
     assert np.max(np.abs(coarse - reference)) > 3e-3
 
 
-def test_vibration_and_friction_of_a_moving_finger_beat_with_the_nodes():
+def test_vibration_and_friction_of_a_moving_finger_beat():
     """At one voltage the load's beat nearly cancels what is felt, so W shows it: by 8 to 11 %."""
     speed = 0.04
     plate = make(Trajectory([(0.0, -0.035, 0.5), (1.75, 0.035, 0.5)]), ripple=0.1)

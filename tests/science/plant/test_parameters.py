@@ -31,7 +31,7 @@ def test_resonance_falls_with_temperature_as_in_the_paper():
     assert plate.resonance(30.0) == 43250.0
 
 
-def test_a_plate_is_linear_and_alone_and_read_at_the_tick_unless_told_otherwise():
+def test_default_plate_is_linear_with_one_mode_and_no_lag():
     plate, sensors = ResonatorParameters(), SensorParameters()
     assert (plate.softening, plate.neighbour_share) == (0.0, 0.0)
     assert (sensors.pickup_window, sensors.pickup_lag) == (0.0, 0.0)
@@ -62,7 +62,7 @@ NUMBERS = [(group, name) for group, made in GROUPS.items() for name in numbers_o
 
 
 @pytest.mark.parametrize(("group", "name"), NUMBERS)
-def test_a_plate_at_either_bound_of_a_number_moves_and_one_beyond_it_is_refused(group, name):
+def test_plate_moves_at_each_bound_and_refuses_values_beyond(group, name):
     made = GROUPS[group]
     for at_bound in made_at_bounds(name, lambda value: dataclasses.replace(made, **{name: value})):
         moves(**{group: at_bound})
@@ -118,13 +118,13 @@ def test_a_window_is_none_or_a_time(wrong, line):
         {"f0": 5e3, "mass": 1e-3},
     ],
 )
-def test_a_mode_that_would_not_oscillate_under_a_finger_is_refused(wrong):
+def test_overdamped_mode_is_refused(wrong):
     with pytest.raises(ValueError, match="Hz does not oscillate"):
         moves(resonator=ResonatorParameters(**wrong))
 
 
 @pytest.mark.parametrize("offset", [0.0, 900.0, -900.0])
-def test_a_mode_oscillates_if_it_would_under_10_newtons_at_half_its_resonance(offset):
+def test_mode_needs_to_oscillate_at_10_n_and_half_its_resonance(offset):
     mode = ResonatorParameters(tau=1e-4, mass=5e-3, neighbour_offset=offset)
     fingertip = dataclasses.replace(SUBJECTS[1], load_damping=55.0)
     damping = 2 * 5e-3 / 1e-4 + 55.0 * 20.0 ** (2 / 3) * 1.1**2
@@ -137,7 +137,7 @@ def test_a_mode_oscillates_if_it_would_under_10_newtons_at_half_its_resonance(of
         moves(subject=fingertip, contact=contact, resonator=lower)
 
 
-def test_a_plate_that_softens_beyond_all_measure_keeps_a_resonance():
+def test_extreme_softening_keeps_a_resonance():
     mode = ResonatorParameters(f0=5e3, tau=5e-3, gain=1e-6, softening=1e9)
     plate = Plate(PlateParameters(resonator=mode), SUBJECTS[1], Stroke(rest=0.0, press=0.002))
     for volts in (150.0, 3.0, 150.0, 0.0) * 10:

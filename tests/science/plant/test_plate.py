@@ -44,7 +44,7 @@ def test_starts_at_rest_at_ambient():
     assert plate.resonance == pytest.approx(43390.0 - 14 * 7)
 
 
-def test_at_rest_nothing_moves_and_without_a_finger_nothing_gets_wet():
+def test_plate_at_rest_stays_at_rest_and_dry_without_a_finger():
     plate = make()
     assert not any(plate._state.motion[:-1])
     assert not any(plate._state.motion.pickup)
@@ -88,7 +88,7 @@ def test_vibration_settles_at_gain_times_voltage():
 
 
 @pytest.mark.parametrize("detuning", [-4000.0, 300.0, 4000.0])
-def test_a_plate_that_is_let_go_decays_alike_whatever_frequency_it_is_told(detuning):
+def test_free_decay_is_independent_of_the_drive_frequency(detuning):
     """W is seen from the frame of the drive: to change the frame alone moves nothing."""
     kept, changed = make(), make()
     run(kept, [ON] * 30)
@@ -237,7 +237,7 @@ def test_the_load_grows_as_a_hertz_contact_with_the_force():
     assert heavy / light == pytest.approx(4.0, rel=0.02), "8 times the force, to the power of 2/3"
 
 
-def test_the_moment_is_that_of_the_whole_tick_as_the_normal_force_is():
+def test_moment_covers_the_whole_tick_as_the_normal_force():
     plate = make(Trajectory([(0.0, 0.012, 0.0), (0.1, 0.012, 1.0), (1.0, 0.012, 1.0)]))
     for _ in range(150):
         plate.step(OFF, OFF)

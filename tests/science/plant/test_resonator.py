@@ -145,7 +145,7 @@ def test_without_drive_the_energy_falls_whatever_the_frame_does(steps, damping):
         last = energy
 
 
-def test_softening_agrees_with_a_spring_that_yields_integrated_at_the_carrier():
+def test_softening_agrees_with_a_nonlinear_spring_at_the_carrier():
     """``m y" + d y' + c y (1 - b |y|) = F(t)``: its resonance falls by 4 b f0/(3 pi) a m of |W|.
 
     Real numbers alone, no envelope and no frame: the first harmonic of ``|y| y`` is 8/(3 pi) A y.
@@ -188,7 +188,7 @@ QUIET = SensorParameters(pickup_noise=0.0)
 @pytest.mark.parametrize("window", [0.0, 461e-6, 1e-3])
 @pytest.mark.parametrize("lag", [0.0, 150e-6])
 @pytest.mark.parametrize("share", [0.0, 0.2])
-def test_the_pickup_reads_the_mean_of_both_modes_behind_its_filter(dead_time, window, lag, share):
+def test_pickup_reads_the_filtered_mean_of_both_modes(dead_time, window, lag, share):
     """Against a thousand steps a tick, summed up."""
     sensors = replace(QUIET, pickup_window=window, pickup_lag=lag)
     mode = ResonatorParameters(neighbour_share=share, neighbour_offset=500.0)

@@ -110,7 +110,7 @@ def test_every_converter_shows_its_nearest_step(W, temperature, Fx, Fn):
         assert abs(shown - true) <= half * IDEAL.gauge_resolution
 
 
-def test_the_hardware_fills_the_bounds_of_its_data_sheet_on_both_sides():
+def test_hardware_tolerances_fill_both_sides_of_the_data_sheet():
     """The bow is over a span: so far is the middle of the arc from the chord."""
     gauges = [
         gauge

@@ -138,7 +138,7 @@ def test_a_slide_swings_at_no_length_of_a_step(skin_mass, duration):
     assert finger.v == pytest.approx(v, rel=1e-3)
 
 
-def test_a_bone_may_start_fast_where_friction_falls_steeply_with_speed():
+def test_bone_may_start_fast_under_steeply_falling_friction():
     subject = dataclasses.replace(SUBJECTS[0], stribeck=2.0, stribeck_speed=1e-4)
     finger = Finger(subject)
     finger.skin = (6e-5, 0.0, 1.0, 0.5)

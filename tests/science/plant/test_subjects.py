@@ -63,7 +63,7 @@ def test_the_fitted_fingers():
     [*zip(PRESETS, REFERENCES, strict=True), *zip(FITTED, REFERENCES, strict=True)],
     ids=lambda of: getattr(of[0], "name", None),
 )
-def test_a_finger_has_the_friction_of_its_subject_and_reaches_its_references(finger, references):
+def test_finger_has_its_subjects_friction_and_its_references(finger, references):
     """Wherever a stroke goes."""
     subject, force, speed = finger
     low, high = references
@@ -80,7 +80,7 @@ def test_a_finger_has_the_friction_of_its_subject_and_reaches_its_references(fin
     )
 
 
-def test_only_what_was_searched_for_differs_from_the_presets():
+def test_fitted_subjects_differ_from_presets_in_fits_alone():
     searched = {"name", "mu0", "W0", "load_damping"}
     for preset, finger in zip(SUBJECTS, FITTED, strict=False):
         assert finger.subject.name != preset.name

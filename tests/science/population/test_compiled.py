@@ -18,7 +18,7 @@ def _calls_doubled(x):
     return doubled(x)
 
 
-def test_a_compiled_function_gives_the_number_of_the_plain_one_and_leaves_it():
+def test_compiled_function_equals_the_plain_one_and_leaves_it():
     friction = friction_map(SUBJECTS[0], 43390.0)
     fast = compiled(bare_friction)
     assert fast(friction, 0.5, 0.0) == pytest.approx(bare_friction(friction, 0.5, 0.0), rel=1e-15)

@@ -60,12 +60,12 @@ def test_force_and_speed_are_uniform():
     assert np.quantile(speed, [0.0, 0.5, 1.0]) == pytest.approx([0.03, 0.065, 0.1], abs=0.003)
 
 
-def test_what_is_logarithmic_has_its_median_at_the_geometric_mean():
+def test_logarithmic_range_has_its_median_at_the_geometric_mean():
     stiffness = [finger.subject.skin_stiffness for finger in MANY]
     assert np.median(stiffness) == pytest.approx(1000.0, rel=0.05)
 
 
-def test_every_map_spans_the_references_and_they_are_uniform_over_what_is_reachable():
+def test_each_map_spans_uniformly_drawn_references():
     shares = []
     for finger in MANY:
         least, most = coefficient(finger, W_MOST), coefficient(finger, W_LEAST)
@@ -87,7 +87,7 @@ def test_wider_ranges_are_a_tenth_wider_at_both_ends_and_sound():
     assert min(subject.stribeck for subject in values) >= 1.0
 
 
-def test_a_coupled_finger_that_damps_more_loses_its_friction_at_less_amplitude():
+def test_coupled_finger_of_more_damping_slips_at_less_amplitude():
     coupled = [draw_finger(3, number, CASES["coupled"]).subject for number in range(2000)]
 
     def correlation(name, subjects):
@@ -164,7 +164,7 @@ def test_the_ranges_of_the_plates_are_filled_and_kept():
     assert below == pytest.approx(500, abs=60)
 
 
-def test_a_plate_is_a_function_of_seed_and_number_and_the_laws_know_it_if_it_is_identified():
+def test_drawn_plate_follows_seed_and_number():
     varied, identified = (draw_plate(3, 17, name) for name in ("varied", "identified"))
     assert varied == draw_plate(3, 17, "varied")
     assert varied.resonator != draw_plate(4, 17, "varied").resonator

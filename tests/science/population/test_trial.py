@@ -71,14 +71,14 @@ def test_levels_of_either_side_are_no_chatter():
     assert outcome(run._replace(mu_true=run.mu + drift), LOW, HIGH).true.chatter < 1e-9
 
 
-def test_what_comes_before_the_fourth_switch_is_not_judged():
+def test_trial_judges_from_the_fourth_switch_on():
     run = synthetic()
     early = run.mu.copy()
     early[: 4 * PASS] += 0.1 * np.sin(np.arange(4 * PASS))
     assert outcome(run._replace(mu_true=early), LOW, HIGH).true == outcome(run, LOW, HIGH).true
 
 
-def test_a_touch_that_is_lost_is_left_out_and_the_tick_after_it_is_not_chatter():
+def test_lost_touch_and_the_tick_after_it_are_left_out():
     run = synthetic()
     lost = run.mu.copy()
     ragged = run.mu_true.copy()
@@ -97,7 +97,7 @@ def test_a_finger_without_a_usable_touch_counts_as_bad():
     assert math.isnan(measured.chatter)
 
 
-def test_a_finger_that_makes_no_step_counts_as_bad_with_its_static_error():
+def test_finger_without_a_step_is_bad_with_its_static_error():
     run = synthetic()
     flat = np.full(len(run.mu), 0.35)
     true, *_ = outcome(run._replace(mu_true=flat), LOW, HIGH)
@@ -113,7 +113,7 @@ def test_no_switch_at_all():
     assert math.isnan(true.chatter)
 
 
-def test_single_touches_show_what_the_mean_curve_hides():
+def test_single_touches_show_more_than_the_mean_curve():
     run = synthetic()
     mu = run.mu_true.copy()
     for number, switch in enumerate(range(5 * PASS, len(mu), 2 * PASS)):
@@ -125,7 +125,7 @@ def test_single_touches_show_what_the_mean_curve_hides():
     assert touches[:, 1] == pytest.approx([30, 0, 30, 0] + [math.nan] * 2, abs=1e-9, nan_ok=True)
 
 
-def test_a_touch_that_makes_no_step_counts_as_bad_and_one_that_is_lost_does_not():
+def test_touch_without_a_step_is_bad_and_a_lost_one_is_not():
     run = synthetic()
     mu, lost = run.mu_true.copy(), run.mu.copy()
     mu[5 * PASS : 6 * PASS] = LOW
@@ -163,7 +163,7 @@ def test_the_laws_assume_the_dead_time_of_the_plate(excess, assumed):
 
 
 @pytest.mark.parametrize("dead_time", [0.0, 540e-6, 999e-6])
-def test_the_laws_of_the_model_plate_have_the_parameters_of_the_campaign(dead_time):
+def test_model_plate_laws_have_the_campaign_parameters(dead_time):
     campaign = Campaign(dead_time=dead_time)
     assert parameters_of(campaign, MODEL_PLATE) == campaign.parameters
 
