@@ -87,7 +87,7 @@ def test_each_axis_has_two_plain_numbers_at_least(low, high):
         assert all(float(number) > 0 for number in numbers)
 
 
-def test_it_says_what_it_is():
+def test_campaign_figure_names_plate_law_and_number_of_fingers():
     figure, _ = drawn(0.9, 99.0)
     title, what = figure.get_suptitle().splitlines()
     assert title == "Random fingers under control (simulated)"

@@ -119,7 +119,7 @@ def test_another_campaign_is_refused_and_the_file_kept(file, other, what):
     assert file.read_bytes() == before
 
 
-def test_a_campaign_of_another_version_is_refused_and_the_file_kept(file):
+def test_campaign_file_of_another_version_is_refused_and_kept(file):
     first, *rows = file.read_text().splitlines(keepends=True)
     header = json.loads(first)
     del header["plates"]
@@ -146,6 +146,6 @@ def test_a_file_of_something_else_is_kept(tmp_path, text):
     assert path.read_bytes() == text
 
 
-def test_what_is_no_file_is_refused(tmp_path):
+def test_campaign_record_refuses_other_than_regular_files(tmp_path):
     with pytest.raises(OSError, match="no regular file"):
         Record(tmp_path, CAMPAIGN)

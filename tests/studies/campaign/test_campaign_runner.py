@@ -33,7 +33,7 @@ def rows(compiled_once):
     return run_campaign(CAMPAIGN, FINGERS, workers=1).rows
 
 
-def test_the_rows_are_the_same_to_the_bit_for_any_number_of_workers(rows):
+def test_campaign_rows_are_equal_for_any_number_of_workers(rows):
     for workers in (2, 5):
         again = run_campaign(CAMPAIGN, FINGERS, workers=workers).rows
         assert again.tobytes() == rows.tobytes()
@@ -127,7 +127,7 @@ def test_chunks_are_of_neighbours_that_are_missing():
     assert chunks_of(np.array([], dtype=np.intp)) == []
 
 
-def test_a_worker_that_does_not_compile_where_others_do_is_refused():
+def test_uncompiled_worker_among_compiled_ones_is_refused():
     with pytest.raises(RuntimeError, match="numba"):
         run_chunk(CAMPAIGN, range(1), not can_compile())
 
@@ -176,9 +176,7 @@ def cluster_of(*arguments):
             process.stdin.close()
 
 
-def test_of_four_processes_one_is_killed_and_one_slow_and_nothing_is_lost(
-    rows, tmp_path, monkeypatch
-):
+def test_campaign_survives_a_killed_and_a_slow_worker(rows, tmp_path, monkeypatch):
     monkeypatch.setattr(runner, "SIZE", 2)
     monkeypatch.setenv("CLUSTER_WORKERS", str(tmp_path))
     file, shares, preload = tmp_path / "rows", [], Path(__file__).with_name("cluster_worker.py")
@@ -221,7 +219,7 @@ def test_a_cluster_without_workers_is_one_error():
         run_campaign(CAMPAIGN, MANY, cluster=address)
 
 
-def test_without_dask_it_says_what_to_install(monkeypatch):
+def test_campaign_without_dask_names_the_extra(monkeypatch):
     monkeypatch.setattr(runner, "find_spec", lambda _: None)
     with pytest.raises(ClusterError, match=r"pip install 'smarttac-can\[dask\]'$"):
         run_campaign(CAMPAIGN, MANY, cluster="tcp://127.0.0.1:9")

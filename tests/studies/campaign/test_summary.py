@@ -46,7 +46,7 @@ def test_percentiles_are_those_of_fingers():
     assert results["dead_time_us"] == 540.0
 
 
-def test_the_share_in_a_limit_cycle_is_that_of_the_true_chatter_above_its_bound():
+def test_limit_cycle_share_counts_true_chatter_above_its_bound():
     rows = hundred()
     assert LIMIT_CYCLE == 0.03
     assert summary(CAMPAIGN, result(rows))["limit_cycle_share"] == 0.7
@@ -54,7 +54,7 @@ def test_the_share_in_a_limit_cycle_is_that_of_the_true_chatter_above_its_bound(
     assert summary(CAMPAIGN, result(rows))["limit_cycle_share"] == 0.7
 
 
-def test_no_rise_is_slower_than_any_and_what_is_unknown_is_left_out():
+def test_summary_ranks_no_rise_slowest_and_omits_unknown_values():
     rows = hundred()
     rows[:10, 0] = np.inf
     rows[:50, COLUMNS.index("static_error_percent")] = np.nan
@@ -77,7 +77,7 @@ def test_the_hash_is_that_of_the_rows():
     assert summary(CAMPAIGN, result(rows))["rows_sha256"] != first
 
 
-def test_single_touches_are_those_of_all_fingers_and_not_in_the_hash():
+def test_single_touches_are_of_all_fingers_and_outside_the_hash():
     rows = hundred()
     before = summary(CAMPAIGN, result(rows))
     for n in range(1, TOUCHES + 1):

@@ -155,7 +155,7 @@ def test_fig3_is_eq_9() -> None:
     assert friction_step(25.0) == pytest.approx(1e-6)
 
 
-def test_the_folder_holds_what_was_returned(tmp_path: Path) -> None:
+def test_result_folder_holds_the_returned_summary(tmp_path: Path) -> None:
     shares: list[float] = []
     traces, measured = reproduce(
         frozenset({"fig5"}), Conditions(), folder=tmp_path / "new" / "run", progress=shares.append

@@ -88,7 +88,7 @@ def test_fig6_shows_the_difference(traces):
     np.testing.assert_array_equal(lines(axes)["amplitude loop only"].get_ydata(), only)
 
 
-def test_fig7_shows_touches_mean_and_reference_in_both_directions(traces):
+def test_fig7_has_touches_mean_and_reference_in_both_directions(traces):
     figure = drawn(figures.fig7(traces, "measured"))
     assert len(figure.axes) == 8
     titles = [axes.get_title(loc="left") for axes in figure.axes]
@@ -142,7 +142,7 @@ def test_every_picture_of_a_run_says_simulated(traces, name):
 
 
 @pytest.mark.parametrize("name", ["fig2", "fig5", "fig6", "fig7"])
-def test_what_was_not_run_is_not_drawn(name):
+def test_figure_of_an_experiment_not_run_is_refused(name):
     with pytest.raises(UndefinedError, match="was not run"):
         getattr(figures, name)([], *LAW.get(name, ()))
 

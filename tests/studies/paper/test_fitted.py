@@ -33,7 +33,7 @@ def test_rise_and_overshoot_are_those_of_the_paper(number):
     assert fmean(row["overshoot_percent"] for row in rows) == pytest.approx(overshoot, abs=5.0)
 
 
-def test_the_results_tell_what_was_fitted_or_chosen_from_what_emerges(tmp_path, monkeypatch):
+def test_results_name_fitted_chosen_and_emergent_figures(tmp_path, monkeypatch):
     monkeypatch.setattr("smarttac_can.studies.paper.experiments.PASSES", 6)
     said = succeed("reproduce", "table1", "--subjects", "fitted", "--json", tmp_path / "r.json")
     lines = said.splitlines()
@@ -51,7 +51,7 @@ def test_the_results_tell_what_was_fitted_or_chosen_from_what_emerges(tmp_path, 
     assert (told["free_parameters"], told["numbers_aimed_at"]) == (24, 8)
 
 
-def test_each_set_says_what_was_fitted():
+def test_each_set_of_fingers_names_its_fitted_values():
     presets, own = fitted("presets"), fitted("fitted")
     assert presets[:-1] == own[:-1]
     assert "20 numbers for 8" in presets[-1]

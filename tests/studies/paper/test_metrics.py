@@ -117,7 +117,7 @@ class TestStep:
         assert steps.overshoot_percent(trough) == pytest.approx(40.0)
 
     @pytest.mark.parametrize("at", [1, 2, 3, 79, 80])
-    def test_overshoot_is_seen_from_the_first_millisecond_to_the_last(self, at):
+    def test_overshoot_is_seen_from_first_to_last_millisecond(self, at):
         peak = step(lambda t: 0.2 if t <= 0 else 0.3 + 0.03 * (t == at))
         # One sample of the 41 from 40 ms on lifts the level by a fraction of itself.
         level = 0.03 / 41 * (at >= 40)
@@ -134,7 +134,7 @@ class TestStep:
         last = step(lambda t: 0.221 if t == 0 else 0.2 if t < 0 else 0.3)
         assert last.levels() == pytest.approx((0.201, 0.3))
 
-    def test_what_happens_before_the_switch_is_no_overshoot_and_no_rise(self):
+    def test_metrics_ignore_the_curve_before_the_switch(self):
         early = step(lambda t: 0.35 if t == -10 else ramp(1.0, 5.0)(t))
         assert steps.overshoot_percent(early) == pytest.approx(0, abs=1e-9)
         # The spike lifts the level before the switch by 0.15 / 21.
@@ -155,7 +155,7 @@ class TestStep:
         # Rise time of zeta 0.3 is 1.321 / wn (Franklin, Powell, Emami-Naeini: about 1.3).
         assert steps.rise_time(step(answer)) == pytest.approx(1.321 / wn, abs=0.15)
 
-    def test_a_curve_that_does_not_follow_has_no_dynamics_but_an_error(self):
+    def test_curve_that_does_not_follow_has_a_static_error_only(self):
         flat = step(lambda t: 0.2 + 0.01 * (t > 0))
         for metric in (steps.rise_time, steps.overshoot_percent):
             with pytest.raises(UndefinedError, match="moves by 10 % of the step"):
@@ -195,7 +195,7 @@ class TestAlignment:
         runs = [friction(1, 0.2, 0.3, passes=6, seed=s) for s in (1, 2)]
         assert len(metrics.align_at_switch(runs, up=True).steps) == 6
 
-    def test_drops_what_is_not_whole_and_counts_it(self):
+    def test_incomplete_touches_are_dropped_and_counted(self):
         run = friction(1, 0.2, 0.3, passes=8)
         assert metrics.align_at_switch([run], up=True).dropped == 0
         lifted = run.counts[:, 1].copy()
@@ -345,13 +345,13 @@ class TestSummary:
         assert table["mean"]["overshoot_percent"] == pytest.approx(exact, abs=4)
         assert table["touches"]["mean"]["overshoot_percent"] > exact + 5
 
-    def test_what_was_not_run_is_none_and_no_failure(self):
+    def test_experiment_not_run_is_none_without_a_failure(self):
         result = summary_of([])
         assert result["fig5"]["amplitude_only"]["response_time_ms"] is None
         assert result["table1"]["mean"]["rise_time_ms"] is None
         assert result["unavailable"] == {}
 
-    def test_what_does_not_exist_is_none_with_a_reason(self):
+    def test_missing_figure_is_none_with_a_reason(self):
         result = summary_of([still("fig5.amplitude_only")])
         assert result["fig5"]["amplitude_only"]["response_time_ms"] is None
         reasons = result["unavailable"]

@@ -137,7 +137,7 @@ def test_text_of_a_run_is_text(report):
     assert ODD in "".join(Page(report[1]).words)
 
 
-def test_what_was_chosen_stands_before_what_emerges(report):
+def test_report_has_chosen_figures_before_emergent_ones(report):
     words = "".join(Page(report[1]).words)
     told = (*fitted("presets"), "Chosen, then checked", *CHOSEN, "Emerges", *EMERGES)
     places = [words.index(each) for each in told]
@@ -164,7 +164,7 @@ def test_same_input_same_page(report, tmp_path):
         assert (tmp_path / svg).read_bytes() == report[0].with_name(svg).read_bytes()
 
 
-def test_a_partial_run_says_what_is_missing(tmp_path):
+def test_partial_report_names_missing_experiments(tmp_path):
     traces = [t for t in all_experiments() if t.experiment.startswith("fig2")]
     page = write_report(tmp_path, traces, summary_of(traces))
     words = "".join(Page(page.read_text(encoding="utf-8")).words)
@@ -194,7 +194,7 @@ def without_voltage():
     return [*runs, trace("fig5.amplitude_only", 0, W=np.zeros(60), V=np.zeros(60))]
 
 
-def test_all_that_was_run_is_compared_and_single_subjects_are_not_judged():
+def test_report_compares_each_run_and_judges_no_single_subject():
     items = {item.published.key: item for item in compare(summary_of(all_experiments()))}
     assert len(items) == len(PUBLISHED)
     assert all(item.value is not None and item.reason == "" for item in items.values())
