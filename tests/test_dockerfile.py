@@ -26,7 +26,7 @@ def arguments(instruction: str) -> list[str]:
     return [rest for name, rest in LINES if name == instruction]
 
 
-def test_it_copies_what_the_package_is_built_of() -> None:
+def test_dockerfile_copies_each_file_of_the_build() -> None:
     copied = {source for line in arguments("COPY") for source in line.split()[:-1]}
     assert [source for source in copied if not (ROOT / source).exists()] == []
     wheel = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
@@ -36,7 +36,7 @@ def test_it_copies_what_the_package_is_built_of() -> None:
     assert copied == needed | set(wheel["packages"]) | set(wheel["force-include"])
 
 
-def test_it_installs_extras_that_there_are_on_a_python_that_is_supported() -> None:
+def test_dockerfile_installs_existing_extras_on_supported_python() -> None:
     (run,) = arguments("RUN")
     extras = re.search(r'"\.\[(.+)\]"$', run)
     assert extras is not None

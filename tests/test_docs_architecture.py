@@ -37,7 +37,7 @@ def test_the_cycle_is_as_it_stands_in_the_file() -> None:
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: str(row[0]))
-def test_what_is_to_be_changed_is_there(row: list[str]) -> None:
+def test_each_row_of_changes_names_an_existing_file_and_symbol(row: list[str]) -> None:
     _, places, name = row
     files = re.findall(r"`([^`]+\.\w+)`", places)
     assert files

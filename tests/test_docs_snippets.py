@@ -115,7 +115,7 @@ def test_page(
         assert set(shown.splitlines()) <= set((tmp_path / "run.csv").read_text().splitlines())
 
 
-def test_the_page_of_bench_scripts_shows_the_model_and_the_load_of_a_new_simulation(
+def test_bench_guide_shows_model_and_load_of_a_new_simulation(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     page = (ROOT / "docs" / "how-to" / "bench-scripts.md").read_text("utf-8")

@@ -110,7 +110,7 @@ def test_the_checks_of_the_frames_of_a_cycle() -> None:
     assert drive[-1] == crc8(drive[:-1] + bytes((session, STIMULATOR_ID)))
 
 
-def test_what_a_frozen_stage_does() -> None:
+def test_table_of_a_frozen_stage_equals_the_plate() -> None:
     header = (
         "| Deadline T, ms | Share of 7.5 um that is reached | Below 5 % of it after, ms | Dose "
         "| Dose from rest |"
@@ -134,7 +134,7 @@ def test_micro_has_one_spelling_in_texts() -> None:
         assert not re.search("[\N{MICRO SIGN}\N{GREEK SMALL LETTER MU}][mNsV]", text), page
 
 
-def test_the_drawing_of_the_states_has_every_event_that_leads_to_another_state() -> None:
+def test_drawing_of_states_has_each_event_that_changes_the_state() -> None:
     drawing = (GUIDES.parent / "images" / "states.svg").read_text(encoding="utf-8")
     labels = " ".join(re.findall(r"<text[^>]*>([^<]*)</text>", drawing))
     for row in TRANSITIONS:

@@ -23,7 +23,7 @@ FOR_USERS = [guide for guide in GUIDES if guide.parent.name not in ("history", "
 
 
 @pytest.mark.parametrize("package", FACES)
-def test_what_a_face_names_can_be_had(package: str) -> None:
+def test_face_names_can_be_imported(package: str) -> None:
     face = importlib.import_module(package)
     assert face.__doc__
     assert face.__all__
@@ -40,7 +40,7 @@ def test_guides_import_from_faces_only(guide: Path) -> None:
 
 
 @pytest.mark.parametrize("guide", FOR_USERS, ids=lambda path: path.stem)
-def test_what_guides_name_is_in_a_face(guide: Path) -> None:
+def test_names_in_guides_are_in_a_face(guide: Path) -> None:
     named = set(re.findall(r"`(smarttac_can\.[\w.]*\w)", guide.read_text(encoding="utf-8")))
     for package, _, name in (each.rpartition(".") for each in named - PACKAGES):
         assert name in importlib.import_module(package).__all__
@@ -82,7 +82,7 @@ PURE = (
 
 
 @pytest.mark.parametrize("face", ["canopen.commissioning", "host", "canopen.master"])
-def test_a_face_with_modules_for_the_bus_loads_nothing_of_its_package(face: str) -> None:
+def test_face_with_bus_modules_loads_nothing_of_its_package(face: str) -> None:
     loaded = loaded_by(imports(face))
     assert not {name for name in loaded if name.startswith(f"smarttac_can.{face}.")}
     assert not loaded & {"can", "canopen"}
@@ -107,7 +107,9 @@ def test_a_face_with_modules_for_the_bus_loads_nothing_of_its_package(face: str)
     ],
     ids=["faces", "pure", "node", "report", "figures", "help"],
 )
-def test_what_few_need_is_not_loaded(statements: str, unwanted: set[str]) -> None:
+def test_import_loads_no_heavy_library_it_does_not_need(
+    statements: str, unwanted: set[str]
+) -> None:
     loaded = loaded_by(statements)
     assert any(name.startswith("smarttac_can.") for name in loaded)
     assert not loaded & unwanted

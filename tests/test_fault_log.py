@@ -64,7 +64,7 @@ def first(log: Log, can_id: int, after: int) -> int:
     )
 
 
-def test_what_was_made_is_confirmed(log: Log, rows: Rows) -> None:
+def test_fault_log_confirms_the_rows_made_with_it(log: Log, rows: Rows) -> None:
     assert verified(log, rows) == (5, 34, 1)
 
 
@@ -132,7 +132,7 @@ def test_field_that_is_missing_is_a_difference(field: str, log: Log, rows: Rows)
         ({"fault": 7}, "row 1: fault 7 is no name"),
     ],
 )
-def test_what_is_taken_from_a_row_makes_sense(
+def test_audit_refuses_implausible_fields_of_a_row(
     change: dict[str, Any], complaint: str, log: Log, rows: Rows
 ) -> None:
     rows[STUCK] |= change
@@ -229,7 +229,7 @@ def test_fault_that_is_not_ended_is_not_confirmed() -> None:
         verified(log, rows_as_json(made))
 
 
-def test_what_is_not_shown_names_faults_and_fields_that_exist(rows: Rows) -> None:
+def test_audit_exceptions_name_existing_faults_and_fields(rows: Rows) -> None:
     assert set(NOT_SHOWN) <= set(rows[0])
     named = {name for names in NOT_SHOWN.values() for name in names}
     assert named <= {case.name for case in CASES}

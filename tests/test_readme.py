@@ -21,7 +21,7 @@ def block(kind):
     return found
 
 
-def test_the_bench_script_works_and_prints_what_is_shown(capsys):
+def test_readme_script_runs_and_prints_the_shown_output(capsys):
     exec(compile(block("python"), str(README), "exec"), {})
     printed = capsys.readouterr().out
     assert re.fullmatch(r"COF 0\.3[45]\d at \d\.\d\d um\n", printed)
@@ -55,7 +55,7 @@ def description():
     return run.stdout
 
 
-def test_what_an_index_shows_has_no_dead_links_and_no_missing_picture():
+def test_readme_on_a_package_index_has_no_dead_link_or_picture():
     text = description()
     shown = markdown.render(text)
     assert shown is not None

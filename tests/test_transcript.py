@@ -22,7 +22,7 @@ def echo(sign: str, what: str) -> list[Frame]:
         "> 080\n< 080\n3x + 1ms",
     ],
 )
-def test_what_is_written_is_sent(text: str) -> None:
+def test_transcript_expects_each_written_frame(text: str) -> None:
     play(echo, text)
 
 
@@ -38,12 +38,12 @@ def test_what_is_written_is_sent(text: str) -> None:
         ("2 > 080", "'2 > 080' is no event"),
     ],
 )
-def test_what_is_not_is_told(text: str, why: str) -> None:
+def test_transcript_reports_each_difference(text: str, why: str) -> None:
     with pytest.raises(AssertionError, match=f"^{why}"):
         play(echo, text)
 
 
-def test_a_transcript_is_written_with_what_is_sent_now() -> None:
+def test_transcript_update_writes_the_frames_sent_now() -> None:
     events = "# first\n2x > 1A0 01 0f\n< 1A0 00\n+ 1ms # quiet\n"
     now = "< 720 00\n# first\n2x > 1A0 01 0f\n< 1A0 01 0F\n< 1A0 01 0F\n+ 1ms # quiet\n"
     assert written(echo, events, [BOOT_UP]) == now

@@ -69,14 +69,14 @@ def test_a_bound_is_broken_by_a_voltage_that_was_there_after_it(
     assert row["emergencies"] == ["33: 8253h"]
 
 
-def test_what_another_watch_has_ended_is_not_measured(tool: Any, rows: Any) -> None:
+def test_bench_stops_omits_runs_ended_by_another_watch(tool: Any, rows: Any) -> None:
     row = rows(lambda: tool.Stop(0.01, 0.011), earliest_ms=12)
     assert row["ok"] is None
     assert row["measured"] == 0
     assert set(row["tripped_before"]) == {"why"}
 
 
-def test_nor_is_what_a_machine_that_stood_still_shows(tool: Any, rows: Any) -> None:
+def test_bench_stops_omits_runs_on_a_machine_at_a_standstill(tool: Any, rows: Any) -> None:
     row = rows(lambda: tool.Stop(0.01, 0.011), stood_s=0.03)
     assert row["ok"] is None
     assert set(row["tripped_before"]) == {"the machine stood still for 30 ms"}

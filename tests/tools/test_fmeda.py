@@ -67,7 +67,7 @@ def test_the_page_agrees_with_the_summary(page: ModuleType) -> None:
     assert text == path.read_text("utf-8")
 
 
-def test_the_summary_is_that_of_the_failures_and_the_promise_of_the_code(page: ModuleType) -> None:
+def test_fmeda_summary_has_the_failures_and_promise_of_the_code(page: ModuleType) -> None:
     made = page.summed_up()
     assert made["promise"] == PROMISES._asdict()
     assert set(made["failures"]) >= {failure.name for failure in failures()}
@@ -76,7 +76,7 @@ def test_the_summary_is_that_of_the_failures_and_the_promise_of_the_code(page: M
     assert sum(row["ended"] for row in made["lifts"]) == 0
 
 
-def test_the_page_says_what_was_promised_run_and_found(page: ModuleType) -> None:
+def test_fmeda_page_shows_promise_runs_and_findings(page: ModuleType) -> None:
     (text,) = page.fmeda_page(MADE).values()
     lines = re.sub("<!--.*?-->", "", text).splitlines()
     for line in (
@@ -106,7 +106,7 @@ def test_rows_are_summed_up_by_patterns(page: ModuleType) -> None:
         page.found(["gyroscope: *", "finger lifts"], MADE)
 
 
-def test_the_tool_writes_what_a_check_takes(tool: ModuleType) -> None:
+def test_fmeda_check_accepts_the_file_of_the_tool(tool: ModuleType) -> None:
     expected = "9 cells, 0 violations; 0 false trips\n"
     told = ("--fine", "--random", "1", "--healthy", "2", "--seed", "5")
     assert run(tool, *told) == (0, expected)
@@ -129,7 +129,7 @@ def test_the_tool_writes_what_a_check_takes(tool: ModuleType) -> None:
     assert run(tool, "--check") == (0, "2 cells, 0 violations\n")
 
 
-def test_a_check_refuses_what_has_changed(
+def test_fmeda_check_refuses_changed_figures(
     tool: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run(tool, "--healthy", "1")

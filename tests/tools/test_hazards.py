@@ -52,7 +52,7 @@ def row(pages: dict[Path, str], what: str) -> str:
     return line
 
 
-def test_the_page_is_what_the_code_makes_of_it(tool: ModuleType) -> None:
+def test_hazards_page_is_up_to_date(tool: ModuleType) -> None:
     ((path, text),) = tool.hazards_page().items()
     assert text == path.read_text("utf-8")
 
@@ -117,7 +117,7 @@ def test_another_bound_in_the_code_is_another_row(
         ("the pick-up loses gain", "| 5.0 um for 37 ms, 91 mJ; "),
     ],
 )
-def test_what_is_reached_by_hand(tool: ModuleType, what: str, reached: str) -> None:
+def test_hazard_row_states_the_expected_bound(tool: ModuleType, what: str, reached: str) -> None:
     assert reached in row(tool.hazards_page(), what)
 
 
@@ -134,7 +134,7 @@ def test_a_fault_that_is_not_in_the_matrix_is_named(tool: ModuleType) -> None:
         tool.simulated(["power stage stuck", "power stage melts"])
 
 
-def test_what_is_left_is_what_the_sweep_found(
+def test_hazard_residual_is_the_finding_of_the_sweep(
     tool: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     found = {"cells": 3, "violations": 0, "above": 4, "peak_um": 5.514, "energy_J": 0.01}
@@ -157,7 +157,7 @@ def test_what_is_left_is_what_the_sweep_found(
     )
 
 
-def test_where_nothing_is_known_it_says_what_was_tried() -> None:
+def test_hazard_without_residual_cites_a_sweep_or_attack() -> None:
     for cause in CAUSES:
         residual = cause["residual"]
         assert "none known" not in residual, cause["what"]

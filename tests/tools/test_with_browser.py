@@ -29,7 +29,7 @@ def test_the_host_s_own_browser_serves(tmp_path: Path) -> None:
     assert done.stdout == f"{own[0]} {own[1]} a word\n"
 
 
-def test_what_was_fetched_serves(tmp_path: Path) -> None:
+def test_fetched_browser_is_found(tmp_path: Path) -> None:
     usr = tmp_path / "cache" / "smarttac-can" / "chromium" / "usr"
     usr.mkdir(parents=True)
     executable(tmp_path, "show", 'echo "$CHROMIUM" "$BROWSER_LIBRARIES"')

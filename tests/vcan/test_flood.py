@@ -105,7 +105,7 @@ def test_plate_node(can_id: int) -> None:
         assert [node.terminate(), plate.terminate()] == [0, 0]
 
 
-def test_the_kernel_drops_what_is_blocked_and_lets_in_what_is_wanted_again() -> None:
+def test_kernel_drops_blocked_identifiers_until_wanted_again() -> None:
     with (
         closing(PythonCanBus("socketcan", CHANNEL)) as mine,
         closing(PythonCanBus("socketcan", CHANNEL)) as other,

@@ -13,9 +13,7 @@ W, OFFSET, NOISE, TICK = 2e-6, 1e-8, 1e-9, 1e-3
 
 @pytest.mark.parametrize("delay", [0.0, 0.3e-3, 1.2e-3])
 @pytest.mark.parametrize("A", [0.3, 0.6])
-def test_an_exact_decay_gives_its_delay_and_by_how_much_it_is_unsure(
-    A: float, delay: float
-) -> None:
+def test_exact_decay_gives_its_delay_with_its_uncertainty(A: float, delay: float) -> None:
     tau = -TICK / math.log(A)
     holds, last = [], OFFSET
     for number in range(8):
@@ -32,7 +30,7 @@ def test_an_exact_decay_gives_its_delay_and_by_how_much_it_is_unsure(
     assert response.tolerance == pytest.approx(100e-6 + 5.0 * response.unsure)
 
 
-def test_where_nothing_is_left_after_two_ticks_the_delay_is_unknown() -> None:
+def test_delay_is_unknown_for_a_response_gone_after_two_ticks() -> None:
     # All sums of these powers of two are exact.
     off = [2.0 ** (16 - k) for k in range(17)]
     on = [64.0 + w for w in off]

@@ -65,7 +65,7 @@ def test_a_changed_byte_is_found(table: TextureTable, data: st.DataObject) -> No
         ),
     ],
 )
-def test_what_is_no_table_is_refused_with_one_reason(data: bytes, reason: str) -> None:
+def test_malformed_texture_table_is_refused_with_one_reason(data: bytes, reason: str) -> None:
     with pytest.raises(ValueError) as refused:
         TextureTable.unpack(data)
     assert str(refused.value) == reason

@@ -106,7 +106,7 @@ def test_a_pipe_is_not_told_that_something_is_fetched(
     assert re.fullmatch(NOT_FETCHED, done.stderr.decode())
 
 
-def test_a_terminal_is_told_what_is_fetched(fresh_machine: dict[bytes, bytes]) -> None:
+def test_terminal_is_told_of_each_download(fresh_machine: dict[bytes, bytes]) -> None:
     reader, terminal = os.openpty()
     command = [sys.executable, WITH_VCAN, "--", "true"]
     with os.fdopen(reader, "rb", buffering=0) as screen:
@@ -126,7 +126,7 @@ def test_two_buses_and_candump(tmp_path: Path) -> None:
     assert done.stdout.count(b"\n") == 1
 
 
-def test_what_the_command_left_running_is_ended(tmp_path: Path) -> None:
+def test_process_left_by_the_command_is_ended(tmp_path: Path) -> None:
     done = with_vcan("--", "sh", "-c", "sleep 1000 & echo done", folder=tmp_path)
     assert (done.stdout, done.returncode) == (b"done\n", 0)
 

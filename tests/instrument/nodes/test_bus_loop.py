@@ -95,7 +95,7 @@ def test_without_one_or_in_another_order_they_are_no_measurement(rpdos: tuple[in
     assert pair.answered(0)
 
 
-def test_what_is_left_of_a_measurement_is_a_lost_cycle() -> None:
+def test_remainder_of_a_measurement_is_a_lost_cycle() -> None:
     pair = Pair()
     pair.take(FIRST, SECOND)
     assert pair.whole(0)
@@ -113,7 +113,7 @@ def test_a_wrong_bit_is_counted_and_not_answered() -> None:
     assert pair.answered(0)
 
 
-def test_the_fourth_that_begins_after_three_that_were_no_good_says_so() -> None:
+def test_fourth_incomplete_measurement_in_a_row_is_reported() -> None:
     pair = Pair()
     for begun, level in enumerate((1 / 3, 2 / 3, 1.0), 1):
         pair.whole(begun, corrupt=True)
@@ -141,7 +141,7 @@ def test_no_tick_is_answered_twice_in_a_run() -> None:
 
 
 @pytest.mark.parametrize("session", [0, 9, 255])
-def test_another_session_is_that_of_the_plate_when_it_comes_twice_in_a_row(session: int) -> None:
+def test_new_session_of_the_plate_is_believed_twice_in_a_row(session: int) -> None:
     pair = Pair()
     assert pair.answered(0, session)
     assert pair.pairing.session == session
@@ -224,7 +224,7 @@ def test_after_a_sync_one_is_answered_and_one_ahead() -> None:
     assert watch.answers(2) == [True, False], "the one ahead was that of this SYNC"
 
 
-def test_of_those_that_waited_as_many_as_the_deadline_are_answered_and_none_is_strange() -> None:
+def test_queued_measurements_are_answered_up_to_the_deadline() -> None:
     watch = Watch()
     watch.sync(10)
     assert watch.answers(10) == [True] * 4 + [False] * 6
@@ -251,7 +251,7 @@ def settled() -> Watch:
     return watch
 
 
-def test_a_window_with_a_measurement_a_sync_says_that_none_waits_any_more() -> None:
+def test_window_of_one_measurement_per_sync_leaves_none_waiting() -> None:
     watch = settled()
     watch.sync(6)
     watch.answers(6)
@@ -260,7 +260,7 @@ def test_a_window_with_a_measurement_a_sync_says_that_none_waits_any_more() -> N
     assert watch.level == THIRD
 
 
-def test_after_such_a_window_no_answer_is_left_for_what_never_came() -> None:
+def test_window_of_one_measurement_per_sync_clears_owed_answers() -> None:
     assert settled().answers(3) == [True, True, False], "that of the last SYNC, and one ahead"
 
 
@@ -300,7 +300,7 @@ def test_after_8_syncs_strange_ones_are_forgotten() -> None:
 
 
 @pytest.mark.parametrize(("us", "level"), [(3000, 2 / 3), (3001, 0.0)])
-def test_what_came_while_sync_was_lost_is_forgotten(us: int, level: float) -> None:
+def test_surplus_measurements_while_sync_was_lost_are_forgotten(us: int, level: float) -> None:
     watch = Watch()
     watch.sync(answers=1)
     watch.source.unexpected()
@@ -331,7 +331,7 @@ def test_a_collision_lasts_until_it_is_no_more() -> None:
     assert not watch.double
 
 
-def test_what_was_noticed_is_forgotten_by_a_reset() -> None:
+def test_surplus_measurements_are_forgotten_by_a_reset() -> None:
     watch = Watch()
     watch.source.collide(True)
     watch.source.plate_reports_another()
@@ -392,7 +392,7 @@ class Loop:
         return (self.clock.now - begun) // 1000
 
 
-def test_what_completes_a_measurement_is_answered() -> None:
+def test_last_pdo_of_a_measurement_is_answered() -> None:
     loop = Loop()
     loop.sync()
     assert loop.take(FIRST, SECOND, LAST) == [False, False, True]
@@ -432,7 +432,7 @@ def test_a_write_to_anything_else_leaves_the_deadline() -> None:
     assert loop.over_after() == 3
 
 
-def test_who_comes_late_finds_it_over_from_the_deadline_on() -> None:
+def test_missing_measurement_is_seen_from_the_deadline_on() -> None:
     loop = Loop()
     loop.answer()
     loop.clock.now += 2999

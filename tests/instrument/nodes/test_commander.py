@@ -64,7 +64,7 @@ def test_the_plate_may_boot_as_it_has_watchdogs_of_its_own() -> None:
 
 
 @pytest.mark.parametrize("resting", [PREOP, STOPPED])
-def test_a_master_that_has_left_operational_is_gone_after_a_second(resting: int) -> None:
+def test_master_out_of_operational_is_lost_after_1_s(resting: int) -> None:
     clock, masters, present = watch()
     for node_id in (MASTER, 2):
         masters.heard(node_id, OPERATIONAL)
@@ -86,7 +86,7 @@ def test_a_master_that_has_left_operational_is_gone_after_a_second(resting: int)
     assert not present
 
 
-def test_a_master_that_passes_through_pre_operational_is_not_gone() -> None:
+def test_master_passing_pre_operational_is_not_lost() -> None:
     clock, masters, present = watch()
     masters.heard(MASTER, OPERATIONAL)
     for _ in range(2):
@@ -141,9 +141,7 @@ def test_set_points_late_in_operational_are_not_so_outside(command: int) -> None
 
 
 @pytest.mark.parametrize(("other", "gone"), [(MASTER << 16 | 20, True), (2 << 16 | 30, False)])
-def test_another_time_for_a_watch_forgets_nothing_and_another_node_does(
-    other: int, gone: bool
-) -> None:
+def test_consumer_time_change_keeps_the_watch_node_change_resets(other: int, gone: bool) -> None:
     _, masters, present = watch()
     masters.heard(MASTER, OPERATIONAL)
     masters.consumer_changed(MASTER << 16 | 30, other)
@@ -212,7 +210,7 @@ def test_a_setpoint_with_a_deadline_counts_once_it_came() -> None:
     assert arm(line, node) == 0
 
 
-def test_the_controlword_that_arms_may_be_the_pdo_that_is_awaited() -> None:
+def test_arming_controlword_may_be_the_supervised_pdo() -> None:
     line, node = ready()
     assert line.write_entry(node, node.od.entry(0x1400, 5), 10) == 0
     line.send(Frame(0x220, bytes(3)), Frame(0x220, bytes((1, 0, 0))))
@@ -274,7 +272,7 @@ def test_a_refused_arming_says_which_watch_is_missing(
     assert node.od["Message"].value == REFUSED + advice
 
 
-def test_the_plate_is_no_master_and_not_named_as_one_that_is_silent() -> None:
+def test_silent_plate_is_not_named_as_a_silent_master() -> None:
     rig = driven()
     assert rig.od.entry(0x1016, 4).value >> 16 == 0x21, "watched by default"
     assert write(rig, "Controlword", 0) == 0

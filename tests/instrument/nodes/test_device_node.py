@@ -10,7 +10,7 @@ SYNC, NMT = 0x080, 0x000
 STOP, PRE_OPERATIONAL = 0x02, 0x80
 
 
-def test_the_frames_of_the_loop_are_urgent_and_public_ones_are_not() -> None:
+def test_loop_frames_are_urgent_and_public_ones_are_not() -> None:
     line, plate, node = both_nodes()
     line.nmt(START)
     assert plate.ids.urgent == {SYNC, 0x0A1, 0x721, *MEASUREMENT}
@@ -36,7 +36,7 @@ def test_everything_that_has_an_effect_is_heard() -> None:
             assert each.receive(Frame(can_id, bytes(8))) == []
 
 
-def test_what_is_heard_is_the_same_in_every_nmt_state() -> None:
+def test_wanted_identifiers_are_equal_in_every_nmt_state() -> None:
     line, plate, node = both_nodes()
     for each in (plate, node):
         heard = each.ids.heard

@@ -63,7 +63,7 @@ def test_a_drive_with_a_wrong_bit_is_corrupt() -> None:
     assert plate.corrupt == 64
 
 
-def test_who_was_first_and_came_twice_stays() -> None:
+def test_stimulator_confirmed_by_two_drives_stays() -> None:
     plate = works_with_one()
     for voltage in (0, V20, 0):
         assert not plate.sound(voltage, OTHER)
@@ -71,7 +71,7 @@ def test_who_was_first_and_came_twice_stays() -> None:
     assert plate.sound(V20)
 
 
-def test_until_the_first_comes_again_0_v_of_another_takes_its_place() -> None:
+def test_unconfirmed_stimulator_is_replaced_by_0_v_of_another() -> None:
     plate = Plate()
     assert plate.sound(0, OTHER)
     assert not plate.sound(V20)
@@ -164,7 +164,7 @@ def test_how_many_that_come_again_and_again_disturb(every: int, wrong: int | Non
     assert wrong is None
 
 
-def test_a_disturbance_of_any_length_is_forgotten_within_21_cycles() -> None:
+def test_wrong_checks_are_forgotten_within_21_cycles() -> None:
     plate = works_with_one()
     for _ in range(100):
         plate.sound(V20, OTHER)
@@ -186,7 +186,7 @@ def test_the_count_begins_anew_when_the_sender_is_forgotten() -> None:
     assert plate.sender.level == 0.0
 
 
-def test_who_is_forgotten_is_a_stranger() -> None:
+def test_forgotten_stimulator_is_foreign() -> None:
     plate = works_with_one()
     assert plate.sound(0, ONE | IN_FAULT)
     plate.sender.forget()

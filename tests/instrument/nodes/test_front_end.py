@@ -111,7 +111,7 @@ def regulating(front_end: Any) -> tuple[Line, PlateNode, StimulatorNode]:
     return line, plate, stimulator
 
 
-def test_the_loop_over_a_front_end_is_that_over_the_simulated_plate() -> None:
+def test_loop_with_front_end_equals_that_of_the_simulated_plate() -> None:
     frames = []
     for front_end in (None, Hardware()):
         line, _, stimulator = regulating(front_end)
@@ -122,7 +122,7 @@ def test_the_loop_over_a_front_end_is_that_over_the_simulated_plate() -> None:
     assert frames[0] == frames[1]
 
 
-def test_the_first_and_the_last_that_is_asked_of_the_stage_is_0_v() -> None:
+def test_front_end_gets_0_v_first_and_last() -> None:
     fake = Fake()
     plate = PlateNode(plate_od(), front_end=fake)
     assert fake.told == [0.0]
@@ -156,7 +156,7 @@ def repeats(fake: Fake) -> None:
 
 
 @pytest.mark.parametrize("what", [late, silent, repeats])
-def test_one_cycle_without_a_measurement_passes_a_second_in_a_row_is_0_v(
+def test_front_end_silent_for_one_cycle_passes_for_two_is_0_v(
     what: Callable[[Fake], None],
 ) -> None:
     line, plate, fake = driven()
@@ -285,7 +285,7 @@ WRONG: list[tuple[Any, str]] = [
 
 
 @pytest.mark.parametrize(("measured", "words"), WRONG, ids=[words for _, words in WRONG])
-def test_what_is_no_measurement_is_0_v_at_once(measured: Any, words: str) -> None:
+def test_front_end_without_a_valid_measurement_is_0_v_at_once(measured: Any, words: str) -> None:
     line, plate, fake = driven()
     fake.answer = lambda: measured
     before = len(line.frames)
@@ -340,7 +340,7 @@ def test_ctrl_c_is_not_the_front_ends() -> None:
         line.sync()
 
 
-def test_what_numpy_measures_is_a_measurement() -> None:
+def test_front_end_measurement_may_be_numpy_floats() -> None:
     line, plate, fake = driven()
     forces = tuple(np.float32([0.1, 0.2, 0.3, 0.4, 0.5, 0.6]))
     fake.answer = lambda: Measurement(
@@ -416,7 +416,7 @@ def test_a_stage_may_be_off_by_1_v(off: float) -> None:
 
 
 @pytest.mark.parametrize("failure", ["reads back 20 V", "raises"])
-def test_a_stage_that_does_not_obey_0_v_is_told_again_with_each_sync(failure: str) -> None:
+def test_stage_that_disobeys_0_v_gets_it_again_at_each_sync(failure: str) -> None:
     line, plate, fake = driven()
 
     says = raises(OSError("no answer")) if failure == "raises" else lambda: 20.0
@@ -437,7 +437,7 @@ def test_a_stage_that_does_not_obey_0_v_is_told_again_with_each_sync(failure: st
     assert cycle(line, plate, 20) == 20
 
 
-def test_the_stimulator_ends_its_run_for_what_the_front_end_does() -> None:
+def test_stimulator_ends_its_run_by_faults_of_the_front_end() -> None:
     hardware = Hardware()
     line, plate, stimulator = regulating(hardware)
     hardware.sample = raises(OSError("cable out"))  # type: ignore[method-assign]

@@ -60,7 +60,7 @@ def ticks(block: StimulatorBlock, count: int) -> None:
     ("sensor", "mN", "off", "sound", "bound"),
     [(1, 1500, 4, 1, 7), (2, -1500, 1, 1, 11), (3, 600, 1, 2, 16), (6, -600, 4, 1, 7)],
 )
-def test_a_gauge_that_is_off_now_and_then_is_a_fault_in_every_mode(
+def test_gauge_wrong_now_and_then_is_a_fault_in_every_mode(
     mode: Mode, sensor: int, mN: int, off: int, sound: int, bound: int
 ) -> None:
     finger = {} if mode is Mode.IDENTIFY else {"Finger__Motion": STROKE}
@@ -77,7 +77,7 @@ def test_a_gauge_that_is_off_now_and_then_is_a_fault_in_every_mode(
 
 
 @pytest.mark.parametrize("sensor", [3, 4])
-def test_a_normal_gauge_that_is_off_in_4_of_5_cycles_does_not_shift_the_friction(
+def test_normal_gauge_wrong_in_4_of_5_cycles_keeps_the_friction(
     sensor: int,
 ) -> None:
     """It read 0.6 N too much: a COF of 0.47 under the finger for the 0.25 that was asked for."""
@@ -96,7 +96,7 @@ def test_a_normal_gauge_that_is_off_in_4_of_5_cycles_does_not_shift_the_friction
 
 
 @pytest.mark.parametrize(("mN", "ends"), [(700, False), (1300, True)])
-def test_a_lateral_gauge_is_believed_up_to_twice_the_normal_force(mN: int, ends: bool) -> None:
+def test_lateral_gauge_error_is_a_fault_above_twice_fn(mN: int, ends: bool) -> None:
     """What stays unseen under 0.4 N, 2 Fn and the mismatch: 1.0 N with the friction itself."""
     block, plate = driven(
         Mode.FRICTION, Finger__Force=400, Finger__Force_variation=0, Finger__Motion=STROKE

@@ -149,7 +149,7 @@ def test_limits_of_forces_and_deadlines_have_an_end(
     assert refused.value.code == (AbortCode.TOO_HIGH if beyond > last else AbortCode.TOO_LOW)
 
 
-def test_a_plate_node_of_another_make_does_not_lift_the_caps_of_the_stimulator() -> None:
+def test_foreign_plate_node_does_not_raise_the_hard_caps() -> None:
     od = load_eds(edited(STIMULATOR, "Drive.Voltage", HighLimit="50000"), 32)
     with pytest.raises(ValueError, match=r"^Drive\.Voltage has the HighLimit"):
         StimulatorNode(od, plate_node_id=33)

@@ -35,7 +35,7 @@ def in_fault() -> tuple[Line, PlateNode, StimulatorNode]:
     return line, plate, node
 
 
-def test_nobody_drives_the_plate_of_a_stimulator_in_fault_and_pre_operational() -> None:
+def test_plate_takes_no_drive_in_fault_and_pre_operational() -> None:
     line, plate, node = in_fault()
     line.nmt(PREOP, STIMULATOR_ID)
     for sender in range(1, 128):
@@ -65,7 +65,7 @@ def test_0_v_in_fault_does_not_free_the_plate_and_the_reset_does() -> None:
     assert stage(plate) == 2000
 
 
-def test_the_first_drive_of_0_v_names_the_stimulator_until_a_reset() -> None:
+def test_first_drive_of_0_v_names_the_stimulator_until_a_reset() -> None:
     line, plate = plate_alone()
     line.nmt(START)
     line.sync()
@@ -83,7 +83,7 @@ def test_the_first_drive_of_0_v_names_the_stimulator_until_a_reset() -> None:
         assert stage(plate) == voltage
 
 
-def test_a_plate_that_was_reset_is_driven_again_whatever_its_stimulator_says_meanwhile() -> None:
+def test_reset_plate_is_driven_again_whatever_was_sent_meanwhile() -> None:
     line, plate, node = in_fault()
     line.sync(5)
     line.nmt(RESET_COMMUNICATION, PLATE_ID)

@@ -66,7 +66,7 @@ def test_one_behind_stays_late_until_it_has_caught_up() -> None:
 
 
 @pytest.mark.parametrize("deadline_ms", [3, 20, 100])
-def test_a_sync_that_the_plate_lost_makes_answers_late_for_a_deadline(deadline_ms: int) -> None:
+def test_sync_lost_by_the_plate_makes_answers_late_a_deadline(deadline_ms: int) -> None:
     queue = Queue(deadline_ms=deadline_ms)
     queue.periods(5)
     queue.period(99, heard=False)
@@ -88,9 +88,7 @@ def test_the_first_answer_may_have_been_late_itself() -> None:
 @pytest.mark.parametrize(
     ("answers", "late"), [([0, 2], [True, False]), ([0, 1, 2], [True, True, False])]
 )
-def test_a_loop_that_is_late_from_its_first_answer_on_is_found_out(
-    answers: list[int], late: list[bool]
-) -> None:
+def test_loop_late_from_its_first_answer_is_detected(answers: list[int], late: list[bool]) -> None:
     queue = Queue()
     queue.period(0)
     told = [queue.period(1), queue.period(2)]
@@ -99,7 +97,7 @@ def test_a_loop_that_is_late_from_its_first_answer_on_is_found_out(
     assert [late for period in told[2 + 2 * len(answers) :] for late in period] == late * 8
 
 
-def test_after_lateness_that_was_taken_for_the_rule_each_second_late_answer_is_found() -> None:
+def test_each_second_late_answer_is_found_after_steady_lateness() -> None:
     queue = Queue()
     queue.periods(5)
     queue.period(0)
@@ -122,9 +120,7 @@ def test_a_new_least_is_a_new_beginning() -> None:
 
 
 @pytest.mark.parametrize(("apart", "new_least"), [(30, False), (19, False), (18, True), (0, True)])
-def test_a_measurement_that_overtakes_its_sync_changes_nothing_but_two_of_20_do(
-    apart: int, new_least: bool
-) -> None:
+def test_measurement_before_its_sync_is_the_rule_at_two_of_20(apart: int, new_least: bool) -> None:
     queue = Queue()
     queue.periods(5)
     for between in (apart, 0):
@@ -137,7 +133,7 @@ def test_a_measurement_that_overtakes_its_sync_changes_nothing_but_two_of_20_do(
     assert queue.period(99) == [True, False]
 
 
-def test_a_tick_that_is_half_the_count_behind_is_late_and_one_more_is_ahead() -> None:
+def test_tick_half_the_count_behind_is_late_one_more_is_ahead() -> None:
     for behind, late in ((127, True), (128, False)):
         queue = Queue()
         queue.periods(5)
@@ -160,9 +156,7 @@ def test_a_new_run_begins_anew() -> None:
     st.integers(0, 600),
     st.lists(st.integers(0, 4) | st.just(99), min_size=1, max_size=200),
 )
-def test_late_is_what_is_answered_after_the_next_sync(
-    first: int, before: int, periods: list[int]
-) -> None:
+def test_answer_after_the_next_sync_is_late(first: int, before: int, periods: list[int]) -> None:
     queue = Queue(first, before)
     queue.periods(3)
     in_a_row = 0

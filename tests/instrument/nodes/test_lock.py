@@ -39,7 +39,7 @@ CASES = (
     Case(0x1005, 0, 0x80, 0x4000_0080, None),
     Case(0x1601, 0, 2, 0, None),
 )
-"""One of each rule, and a mapping; `test_what_is_protected_and_how` has all."""
+"""One of each rule, and a mapping; `test_lock_refuses_relaxing_writes_of_each_object` has all."""
 
 
 def takes_no_relaxed(rig: Rig, case: Case, node: StimulatorNode | PlateNode) -> None:
@@ -118,7 +118,7 @@ def test_the_plate_is_not_relaxed_while_its_stage_is_in_use(case: Case) -> None:
     ],
     ids=["stimulator", "plate"],
 )
-def test_a_refusal_names_both_values_and_what_to_do(
+def test_lock_refusal_names_both_values_and_the_next_step(
     od: ObjectDictionary, table: Table, words: str
 ) -> None:
     with pytest.raises(Abort) as refused:
@@ -163,7 +163,7 @@ OF_BOTH = {0x1005, 0x1006, 0x1014, 0x1017}
     ],
     ids=["stimulator", "plate"],
 )
-def test_what_is_protected_and_how(
+def test_lock_refuses_relaxing_writes_of_each_object(
     od: ObjectDictionary, table: Table, other: set[Where], higher: set[Where],
     lower: set[Where], longer: set[Where],
 ) -> None:  # fmt: skip

@@ -60,7 +60,7 @@ def test_the_mappings_of_the_loop_are_constant(
         assert {entry.access for entry in record.values()} == {"const"}
 
 
-def test_python_canopen_saves_all_pdos_and_leaves_the_constant_ones() -> None:
+def test_pdo_save_of_python_canopen_skips_constant_mappings() -> None:
     line = Line(stimulator_with_plate())
     eds = Path(__file__).resolve().parents[3] / "eds" / "stimulator.eds"
     node = LocalNetwork(line.bus).add_node(STIMULATOR_ID, str(eds))
@@ -97,7 +97,7 @@ def test_no_two_simulated_plates_have_one_serial_number() -> None:
         ({2: 33 << 16 | 500}, 0),
     ],
 )
-def test_the_last_entry_watches_the_plate_unless_that_or_the_plate_is_taken(
+def test_last_1016h_entry_watches_the_plate_unless_it_is_taken(
     taken: dict[int, int], last: int
 ) -> None:
     od = stimulator_od()
@@ -109,7 +109,7 @@ def test_the_last_entry_watches_the_plate_unless_that_or_the_plate_is_taken(
     assert watches == [taken.get(subindex, 0) for subindex in (1, 2, 3)] + [last]
 
 
-def test_what_differs_from_the_default_is_kept() -> None:
+def test_link_to_plate_keeps_values_other_than_the_default() -> None:
     od = stimulator_od()
     first, drive, sync = od.entry(0x1404, 1), od.entry(0x1804, 1), od.entry(0x1005)
     first.value, sync.value = 0x8000_01A1, 0x81
@@ -134,7 +134,7 @@ def test_any_wrong_bit_and_any_short_burst_is_found(data: bytes, draw: st.DataOb
 
 
 @given(st.binary(min_size=8, max_size=8))
-def test_what_a_stranger_makes_up_passes_with_one_of_256(data: bytes) -> None:
+def test_forged_drive_check_passes_once_in_256(data: bytes) -> None:
     """The byte that the check stands for is another for each check."""
     body = data[:7]
     named = {last_unsent(body + bytes((check,)), b"\0") for check in range(256)}

@@ -52,7 +52,7 @@ def test_a_run_with_too_many_missed_ticks_ends(of_ten: int, limit: int, fault: b
 
 
 @pytest.mark.parametrize("slept", [1, 2, 3])
-def test_the_message_says_how_many_were_missed_why_and_what_helps(slept: int) -> None:
+def test_missed_ticks_message_has_count_cause_and_cure(slept: int) -> None:
     _, node = running_inside(Limit__Missed_ticks=5)
     sleep_through(node, slept, 2)
     # A sleep of one tick is a slow cycle.
@@ -67,7 +67,7 @@ def test_the_message_says_how_many_were_missed_why_and_what_helps(slept: int) ->
     assert message in node.od["Fault memory.Fault 1"].value
 
 
-def test_a_node_that_hears_sync_and_no_measurement_stands_not_still() -> None:
+def test_node_with_sync_and_no_measurement_is_not_standing_still() -> None:
     node = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID, produce_sync=True)
     node.start()
     node.receive(requests.nmt(START))
@@ -82,7 +82,7 @@ def test_a_node_that_hears_sync_and_no_measurement_stands_not_still() -> None:
     )
 
 
-def test_what_was_missed_before_the_run_is_no_fault() -> None:
+def test_ticks_missed_before_a_run_are_no_fault() -> None:
     line, node = ready_inside()
     sleep_through(node, 5, 1)
     line.run(node, OPEN_LOOP)
@@ -90,7 +90,7 @@ def test_what_was_missed_before_the_run_is_no_fault() -> None:
     assert node.block.state is State.RUNNING
 
 
-def test_what_is_missed_while_armed_is_no_fault_then_or_in_the_run() -> None:
+def test_ticks_missed_while_armed_are_no_fault_in_the_run() -> None:
     line, node = ready_inside()
     assert line.write(node, "Controlword", 1) == 0
     sleep_through(node, 5, 3)
@@ -104,7 +104,7 @@ def test_what_is_missed_while_armed_is_no_fault_then_or_in_the_run() -> None:
 
 
 @pytest.mark.parametrize(("period_us", "missed"), [(800, 0), (1000, 0), (2000, 500)])
-def test_what_a_second_has_missed_is_told_at_its_end(period_us: int, missed: int) -> None:
+def test_missed_ticks_are_reported_at_the_end_of_a_second(period_us: int, missed: int) -> None:
     clock = Clock()
     time = MissedTime(clock)
     assert (time.missed, time.cycle(), time.missed) == (0, 0, 0)
@@ -119,7 +119,7 @@ def test_what_a_second_has_missed_is_told_at_its_end(period_us: int, missed: int
     ("pauses", "slow_cycles", "cure"),
     [(10, 20, "cycles take too long"), (10, 19, "start the node with"), (1, 0, "start the node")],
 )
-def test_more_than_half_of_what_was_missed_decides_on_the_cure(
+def test_missed_ticks_message_takes_the_cause_of_the_majority(
     pauses: int, slow_cycles: int, cure: str
 ) -> None:
     clock = Clock()
@@ -160,7 +160,7 @@ def test_ticks_out_of_operational_are_not_missed() -> None:
 
 
 @pytest.mark.parametrize(("produce_sync", "missed"), [(True, 240), (False, 182)])
-def test_a_tick_without_a_cycle_is_counted_once_whoever_produces_sync(
+def test_tick_without_cycle_counts_once_with_any_sync_producer(
     produce_sync: bool, missed: int
 ) -> None:
     """What another produces is counted at the end of each second: 91 of 1001 ticks."""

@@ -26,7 +26,7 @@ def latched(rig: Rig, watchdog: Watchdog) -> bool:
     return bool(rig.od["Diagnosis.Latched"].value >> watchdog & 1)
 
 
-def test_start_run_does_not_hide_what_is_still_wrong() -> None:
+def test_start_run_keeps_a_fault_that_is_present() -> None:
     rig = driven(Mode.AMPLITUDE_RESONANCE)
     rig.inject(FaultKind.STUCK, THERMOMETER)
     rig.cycle(110)
@@ -125,7 +125,7 @@ def test_a_measurement_pdo_that_is_disabled_makes_not_ready(rpdo: int) -> None:
     assert rig.state is State.NOT_READY
 
 
-def test_sync_of_another_is_right_again_when_the_node_produces_none() -> None:
+def test_foreign_sync_is_accepted_when_the_node_produces_none() -> None:
     rig = driven()
     assert write(rig, "Controlword", 0) == 0
     rig.nmt(0x80, PLATE_ID)

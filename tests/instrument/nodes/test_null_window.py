@@ -28,9 +28,7 @@ def run_until(bench: Stimulator, cycles: int) -> None:
 
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize("gauge", range(1, 7))
-def test_the_window_is_around_the_null_of_each_gauge_and_its_end_is_inside(
-    gauge: int, sign: int
-) -> None:
+def test_null_window_is_around_each_null_and_includes_its_end(gauge: int, sign: int) -> None:
     od = stimulator_od()
     od["Gauge null.Window"].value = 250
     nulls = [0.5, -0.25, 0.125, 0.0, 1.0, -1.0]
@@ -72,7 +70,7 @@ def test_a_simulation_knows_its_nulls_from_the_first_start(link: str) -> None:
         assert bench.message == ""
 
 
-def test_what_is_stored_is_the_null_of_another_plate() -> None:
+def test_stored_null_window_wins_over_that_of_the_plate_inside() -> None:
     memory = Memory()
     first = StimulatorNode(*od_and_plate(), storage=memory)
     for node, window in ((first, 60), (StimulatorNode(*od_and_plate(), storage=memory), 77)):
@@ -82,7 +80,7 @@ def test_what_is_stored_is_the_null_of_another_plate() -> None:
         node.receive(download(32, node.od.entry(0x1010, 1), int.from_bytes(b"save", "little")))
 
 
-def test_the_default_is_what_the_data_sheet_allows() -> None:
+def test_default_null_window_is_that_of_the_data_sheet() -> None:
     """1.2 N and a drift over 60 K, 1.364 N; a gauge that reads 1.6 N more is broken."""
     od = stimulator_od()
     of_the_eds = {entry.name: entry.default for entry in od if entry.index == 0x2047}

@@ -88,7 +88,7 @@ def test_a_second_plate_ends_a_run_at_once() -> None:
 
 
 @pytest.mark.parametrize("deadline_ms", [3, 20])
-def test_a_stranger_with_a_measurement_a_sync_is_a_fault_after_a_deadline(deadline_ms: int) -> None:
+def test_foreign_measurement_per_sync_faults_after_a_deadline(deadline_ms: int) -> None:
     line, _, node = driven_both(deadline_ms)
     cycles = node.od["Cycle.Cycles"].value
     for count in range(2 * deadline_ms + 1):
@@ -103,7 +103,7 @@ def test_a_stranger_with_a_measurement_a_sync_is_a_fault_after_a_deadline(deadli
 
 
 @pytest.mark.parametrize("deadline_ms", [3, 20])
-def test_what_unheard_syncs_leave_is_no_fault(deadline_ms: int) -> None:
+def test_surplus_after_unheard_syncs_is_no_fault(deadline_ms: int) -> None:
     line, _, node = driven_both(deadline_ms)
     node_port = line.ports[1]
     receive = node_port._receive
@@ -169,7 +169,7 @@ def test_3_s_after_the_last_such_frame_0_v_frees_the_plate() -> None:
 
 
 @pytest.mark.parametrize("reset", [RESET, RESET_COMMUNICATION])
-def test_a_reset_forgets_what_the_plate_said_of_another(reset: int) -> None:
+def test_reset_forgets_the_double_reported_by_the_plate(reset: int) -> None:
     line, node = stimulator_alone()
     line.nmt(START)
     line.send(Frame(EMCY_PLATE, COLLISION + bytes((0x11, 0, 0, 0, 0, 0))))
@@ -200,7 +200,7 @@ def test_two_stimulators_at_one_plate_cannot_drive() -> None:
     assert node.block.state is State.FAULT
 
 
-def test_level_of_doubles_rises_with_measurements_that_nobody_asked_for() -> None:
+def test_level_of_doubles_rises_with_surplus_measurements() -> None:
     line, _, node = driven_both()
     while node.levels()[COUNTED.index(Watchdog.DOUBLE)]:
         line.sync()

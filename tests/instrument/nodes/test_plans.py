@@ -144,7 +144,7 @@ def prepared(od: ObjectDictionary, entry: Entry) -> int:
 
 
 @pytest.mark.parametrize("entry", SETTINGS, ids=lambda entry: entry.name)
-def test_what_follows_from_each_parameter(entry: Entry) -> None:
+def test_each_parameter_changes_its_plans(entry: Entry) -> None:
     """One that is not followed any more turns this red."""
     OD.reset()
     raw = prepared(OD, entry)
@@ -177,9 +177,7 @@ def driving() -> StimulatorBlock:
         ("Friction law", 1),
     ],
 )
-def test_a_write_is_in_force_with_the_next_cycle_and_designs_nothing_anew(
-    name: str, raw: int
-) -> None:
+def test_write_holds_from_the_next_cycle_without_a_new_design(name: str, raw: int) -> None:
     block = driving()
     control, watch = block.cascade.plan, block.supervisor.plan
     integrators = block.cascade.state.loops
@@ -271,7 +269,7 @@ def test_a_model_that_is_written_is_not_identified(
 
 
 @pytest.mark.parametrize("name", ["Controller.Amplitude pole", "Controller.Dead time"])
-def test_what_the_design_follows_from_makes_another(name: str) -> None:
+def test_parameter_of_the_design_makes_a_new_design(name: str) -> None:
     block = driving()
     block.write(name, 250)
     before = block.cascade.plan
@@ -279,7 +277,7 @@ def test_what_the_design_follows_from_makes_another(name: str) -> None:
     assert block.cascade.plan.bare != before.bare
 
 
-def test_limits_that_cut_nothing_off_leave_the_drive_as_it_is_to_the_bit() -> None:
+def test_limits_that_cut_nothing_keep_the_drive_to_the_bit() -> None:
     disturbed, left_alone = driving(), driving()
     for k in range(100):
         disturbed.write("Limit.Voltage", 14_000 - k)
@@ -306,7 +304,7 @@ def test_a_frequency_in_force_is_cut_to_new_limits() -> None:
     assert block.cascade.drive.frequency == pytest.approx(43950.0), "held, without a vibration"
 
 
-def test_an_identification_is_kept_with_its_temperature_and_leaves_the_load() -> None:
+def test_identification_is_kept_with_temperature_not_with_load() -> None:
     od = stimulator_od()
     od["Model.Load"].value = 1300
     model = PlateModel(51e-9, 0.9e-3, 43_250.0, load=1.3, temperature=29.503)
@@ -315,7 +313,7 @@ def test_an_identification_is_kept_with_its_temperature_and_leaves_the_load() ->
     assert (od["Model.Load"].value, od["Model.Temperature"].value) == (1300, 2950)
 
 
-def test_another_deadline_is_in_force_at_once_and_gone_with_a_reset() -> None:
+def test_deadline_change_holds_at_once_and_ends_with_a_reset() -> None:
     """By as much as it is above 3 ms a drive may be late, of which 17 cycles more are no fault."""
     rig = driven()
     before = rig.stimulator.block.supervisor.plan
@@ -335,7 +333,7 @@ def test_another_deadline_is_in_force_at_once_and_gone_with_a_reset() -> None:
 @pytest.mark.parametrize(
     ("state", "gain", "identified"), [(2, 50_000, True), (2, 50_001, False), (1, 50_000, False)]
 )
-def test_a_model_is_identified_while_it_is_the_one_that_was_found(
+def test_model_counts_as_identified_while_unchanged(
     state: int, gain: int, identified: bool
 ) -> None:
     od = stimulator_od()
@@ -393,7 +391,7 @@ def test_at_its_end_the_model_in_force_is_the_one_that_is_read() -> None:
     assert od["Model.Quality"].value == 1223, "pi x 43.25 kHz x 0.9 ms is 122.3"
 
 
-def test_another_model_that_is_written_is_shown_as_not_identified() -> None:
+def test_written_model_is_shown_as_not_identified() -> None:
     od, sheet, _, _ = identifying()
     od["Model.State"].value = IdentificationState.DONE
     sheet.show_written(PlateModel(40e-9, 0.9e-3, 43_250.0))

@@ -123,7 +123,7 @@ def test_the_second_tick_is_ahead_by_the_session() -> None:
     assert (block.od["Vibration.Tick"].value, block.od["Gauge tick"].value) == (1, 0)
 
 
-def test_a_measurement_stands_in_the_objects_and_none_leaves_the_last() -> None:
+def test_measurement_stays_in_the_objects_without_a_new_one() -> None:
     behind = Behind()
     block = block_with(behind)
     for there in (True, False):
@@ -142,7 +142,7 @@ def test_a_stage_that_changes_by_itself_is_shown() -> None:
     assert shown(block) == 300
 
 
-def test_a_tick_that_is_overtaken_moves_the_plate_and_samples_nothing() -> None:
+def test_overtaken_tick_moves_the_plate_without_a_sample() -> None:
     block, behind = in_use()
     tick = block.tick.value
     behind.measured = Measurement(5e-6j, (0.0,) * 6, 30.0, 0)
@@ -167,7 +167,7 @@ def test_a_run_begins_at_0_v_and_barred() -> None:
     assert behind.written == []
 
 
-def test_other_writes_are_for_what_is_behind() -> None:
+def test_plate_block_passes_simulation_writes_to_its_plate() -> None:
     block, behind = in_use()
     block.write("Finger.Force", 600)
     assert behind.written == ["Finger.Force"]
@@ -218,7 +218,7 @@ def test_a_voltage_does_not_begin_late() -> None:
     assert (shown(block), counted(block)) == (0, (3, 0, 1))
 
 
-def test_in_use_a_late_answer_counts_unless_it_was_answered_or_is_older() -> None:
+def test_late_answer_counts_in_use_unless_answered_or_older() -> None:
     block, _ = in_use()
     block.cycle()
     assert take(block, 3000, ago=1) is Taken.NOT, "answered in time"
@@ -252,9 +252,7 @@ def test_a_lost_drive_counts_only_in_use() -> None:
     [(0.5, Taken.IN_TIME), (1.0, Taken.IN_TIME), (-1.0, Taken.IN_TIME),
      (1.01, Taken.DISOBEYED), (-1.01, Taken.DISOBEYED)],
 )  # fmt: skip
-def test_a_stage_that_reads_back_1_v_beside_what_it_was_told_obeys(
-    excess: float, taken: Taken
-) -> None:
+def test_stage_read_back_within_1_v_of_the_command_obeys(excess: float, taken: Taken) -> None:
     block, behind = free()
     behind.excess = excess
     block.cycle()
@@ -307,7 +305,7 @@ def test_the_finger_is_lifted_strokes_or_is_the_recorded_one() -> None:
     assert isinstance(finger_of(block, 0), Lifted)
 
 
-def test_where_there_is_no_recording_that_finger_alone_is_refused() -> None:
+def test_recorded_finger_without_a_recording_is_refused() -> None:
     block = PlateBlock(plate_od())
     with pytest.raises(Abort) as refused:
         block.write("Finger.Motion", 2)
@@ -317,7 +315,7 @@ def test_where_there_is_no_recording_that_finger_alone_is_refused() -> None:
     assert block.od["Simulation.Seed"].value == 2
 
 
-def test_a_stored_motion_without_its_recording_is_a_lifted_finger() -> None:
+def test_stored_recorded_finger_without_recording_is_lifted() -> None:
     block = PlateBlock(plate_od())
     block.od["Finger.Motion"].value = 2
     block.start_run()
@@ -333,7 +331,7 @@ def readings(block: PlateBlock) -> list[float]:
     return [sum(column) / 64 for column in zip(*rows, strict=True)]
 
 
-def test_a_weight_lies_on_the_simulated_plate_at_once_and_beyond_a_start() -> None:
+def test_weight_acts_at_once_and_outlasts_start_run() -> None:
     block = PlateBlock(plate_od())
     bare = readings(block)
     for name, raw in (("Force x", 500), ("Force y", -250), ("Normal force", 2000)):
@@ -364,7 +362,7 @@ def saturation(block: PlateBlock) -> int:
     return int(block.od["Vibration.Saturation"].value)
 
 
-def test_a_fault_waits_for_its_delay_and_a_run_forgets_one_that_waits() -> None:
+def test_injected_fault_waits_for_its_delay_or_ends_at_start_run() -> None:
     block = PlateBlock(plate_od())
     break_it(block, FaultKind.SATURATED, 1, 0, delay=3)
     assert [saturation(block) for _ in range(4)] == [0, 0, 0, 1]

@@ -84,7 +84,7 @@ def assert_free_after_0_v(line: Line, plate: PlateNode) -> None:
     assert cycle(line, plate, 20, says()) == 20
 
 
-def test_hardware_is_not_asked_by_default_and_its_frame_is_not_heard() -> None:
+def test_stage_hardware_is_ignored_by_default() -> None:
     line, plate = ready_plate()
     before = len(line.frames)
     assert line.send(says(enable=0)) == []
@@ -99,7 +99,7 @@ def test_hardware_is_not_asked_by_default_and_its_frame_is_not_heard() -> None:
     }  # fmt: skip
 
 
-def test_hardware_that_stops_a_free_stage_for_an_instant_makes_it_wait_for_0_v() -> None:
+def test_hardware_stop_of_a_free_stage_makes_it_wait_for_0_v() -> None:
     line, plate = configured()
     assert cycle(line, plate, 0, says()) == 0
     assert cycle(line, plate, 20, says(enable=0), says()) == 0
@@ -116,7 +116,7 @@ def test_before_it_is_heard_the_stage_is_barred(mapped: tuple[int, ...]) -> None
     assert emergencies(line) == [NOT_ENABLED, 0, NOT_ENABLED], "once for each time it is asked"
 
 
-def test_a_mapping_that_comes_while_the_stage_is_in_use_ends_that() -> None:
+def test_mapping_of_hardware_input_while_in_use_is_0_v() -> None:
     line, plate = ready_plate()
     assert cycle(line, plate, 20) == 20
     map_inputs(line, plate)
@@ -137,7 +137,7 @@ def test_enable_alone_lets_a_stage_drive_that_nobody_reads_back() -> None:
     assert cycle(line, plate, 20, says(enable=0)) == 0
 
 
-def test_enable_lets_the_stage_drive_and_ends_it_between_two_cycles() -> None:
+def test_enable_permits_and_ends_the_drive_between_cycles() -> None:
     line, plate = watched()
     line.send(says(enable=0, volts=20))
     assert stage(plate) == 0
@@ -146,7 +146,7 @@ def test_enable_lets_the_stage_drive_and_ends_it_between_two_cycles() -> None:
     assert_free_after_0_v(line, plate)
 
 
-def test_enable_that_goes_before_a_run_is_told_when_a_voltage_is_asked_for() -> None:
+def test_enable_lost_before_a_run_is_told_at_the_first_voltage() -> None:
     line, plate = configured()
     for _ in range(5):
         assert cycle(line, plate, 0, says(enable=0)) == 0
@@ -156,7 +156,7 @@ def test_enable_that_goes_before_a_run_is_told_when_a_voltage_is_asked_for() -> 
     assert emergencies(line) == [NOT_ENABLED]
 
 
-def test_hardware_that_falls_silent_ends_it_within_its_event_timer() -> None:
+def test_silent_hardware_is_0_v_within_its_event_timer() -> None:
     line, plate = watched()
     assert cycle(line, plate, 20) == 20
     assert cycle(line, plate, 20) == 20
@@ -167,7 +167,7 @@ def test_hardware_that_falls_silent_ends_it_within_its_event_timer() -> None:
     assert_free_after_0_v(line, plate)
 
 
-def test_what_is_out_of_range_does_not_count_as_heard() -> None:
+def test_hardware_input_out_of_range_counts_as_not_received() -> None:
     line, plate = watched()
     for _ in range(3):
         cycle(line, plate, 20, says(enable=2, volts=20))
@@ -193,7 +193,7 @@ def cycles_to_0_v(line: Line, plate: PlateNode, told: Iterable[float], read: flo
     raise AssertionError("it goes on")
 
 
-def test_a_stage_that_reads_back_something_else_is_at_0_v_within_5_cycles() -> None:
+def test_wrong_stage_read_back_is_0_v_within_5_cycles() -> None:
     line, plate = watched()
     assert cycles_to_0_v(line, plate, [20] * 9, read=140) == 4
     assert emergencies(line) == [STAGE]
@@ -258,7 +258,7 @@ def test_a_stage_that_is_live_at_0_v_does_not_get_a_voltage() -> None:
 
 
 @pytest.mark.parametrize("by_default", [True, False])
-def test_the_third_cycle_after_a_first_reading_that_is_wrong_is_a_fault(by_default: bool) -> None:
+def test_third_wrong_stage_read_back_in_a_row_is_a_fault(by_default: bool) -> None:
     od = plate_od()
     if by_default:
         od.entry(0x1401, 1).default = 0x321
@@ -276,7 +276,7 @@ def test_the_third_cycle_after_a_first_reading_that_is_wrong_is_a_fault(by_defau
     assert said == [[], [], [STAGE]]
 
 
-def test_a_read_back_that_is_mapped_no_more_does_not_bar_the_stage() -> None:
+def test_unmapped_stage_read_back_does_not_inhibit_the_stage() -> None:
     line, plate = configured()
     for _ in range(5):
         cycle(line, plate, 0, says(volts=30))
@@ -320,7 +320,7 @@ def test_nothing_takes_the_watch_away_while_the_stage_is_in_use(
     assert stage(plate) == 2000
 
 
-def test_a_timer_that_becomes_shorter_and_shorter_does_not_stand_for_the_hardware() -> None:
+def test_event_timer_shortened_repeatedly_keeps_its_deadline() -> None:
     line, plate = watched(timer_ms=20)
     cycles = 0
     for timer_ms in range(19, 0, -1):
@@ -348,7 +348,7 @@ def test_the_watch_may_be_taken_away_at_rest() -> None:
     assert [cycle(line, plate, volts) for volts in (0, 0, 20)] == [0, 0, 20]
 
 
-def test_leaving_operational_forgets_what_was_heard() -> None:
+def test_hardware_inputs_are_forgotten_out_of_operational() -> None:
     line, plate = watched()
     line.nmt(PREOP)
     line.nmt(START)

@@ -110,7 +110,7 @@ def test_reset_restores_defaults_presets_and_the_plate() -> None:
     assert begin() == first, "the plate starts anew as well"
 
 
-def test_the_plate_inside_begins_with_what_the_objects_hold() -> None:
+def test_plate_inside_starts_with_values_of_the_objects() -> None:
     od, plate = stimulator_od(), PlateBlock(plate_od())
     od["Simulation.Subject"].default = 4
     StimulatorNode(od, plate).start()

@@ -138,7 +138,7 @@ def test_a_full_transmit_queue_is_0_v_until_told_0_v() -> None:
 
 
 @pytest.mark.parametrize("silent", [2, 100])
-def test_a_plate_that_was_told_0_v_is_told_it_again_after_silence(silent: int) -> None:
+def test_plate_at_0_v_gets_0_v_again_after_silence(silent: int) -> None:
     line, plate = ready_plate()
     line.send(drive(0, 0))
     line.sync(silent)

@@ -97,7 +97,7 @@ def test_a_first_drive_above_the_limit_bars_as_well() -> None:
         (driven_plate, 0, 20, [FaultCode.TEMPERATURE, 0]),
     ],
 )
-def test_a_plate_that_cools_down_waits_for_0_v_which_may_come_while_it_is_hot(
+def test_plate_cooling_down_waits_for_0_v_taken_even_while_hot(
     begun: Callable[[], tuple[Line, PlateNode]], meanwhile: int, after: int, codes: list[int]
 ) -> None:
     line, plate = begun()
@@ -109,7 +109,7 @@ def test_a_plate_that_cools_down_waits_for_0_v_which_may_come_while_it_is_hot(
 
 
 @pytest.mark.parametrize("kind", ["corrupt", "out of range", "of an old tick"])
-def test_plate_without_sync_is_not_fed_by_drives_that_do_not_count(kind: str) -> None:
+def test_plate_without_sync_takes_no_drive_as_a_sign_of_life(kind: str) -> None:
     line, plate = driven_plate()
     frame = {
         "corrupt": Frame(DRIVE, bytes(8)),

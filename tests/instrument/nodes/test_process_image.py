@@ -177,7 +177,7 @@ def test_read_backs_are_those_of_the_last_cycle(
 
 
 @pytest.mark.parametrize("command", [PREOP, STOP])
-def test_what_stands_still_outside_operational_is_not_live(command: int) -> None:
+def test_read_back_out_of_operational_is_not_live(command: int) -> None:
     line, _, stimulator = both_nodes()
     status = stimulator.od["Statusword"]
     line.nmt(START)
@@ -194,7 +194,7 @@ def test_what_stands_still_outside_operational_is_not_live(command: int) -> None
     assert status.value & 1 == 1
 
 
-def test_what_is_read_of_a_silent_plate_is_not_live() -> None:
+def test_read_back_of_a_silent_plate_is_not_live() -> None:
     line, _, stimulator = both_nodes()
     line.nmt(START)
     line.sync(5)
@@ -261,7 +261,7 @@ class Shown:
 PLAIN = ("Mode display", "Contact.Touching", "Contact.Tick", "Cycle.Cycles", "Statusword")
 
 
-def test_a_cycle_shows_its_quantities_in_the_units_of_the_objects() -> None:
+def test_cycle_values_have_the_units_of_their_objects() -> None:
     shown = Shown()
     shown.publish(voltage=20.0)
     for name, raw in (
@@ -337,7 +337,7 @@ def test_off_is_no_mode_and_0_v_and_leaves_the_rest() -> None:
     assert shown.status == TOUCHING | LIMITED | SATURATED
 
 
-def test_the_tick_of_8_bits_goes_on_as_one_of_16_and_cycles_are_counted() -> None:
+def test_tick_of_8_bits_continues_as_16_bits_with_a_cycle_count() -> None:
     shown = Shown()
     # As many as may be lost: less than 256.
     for count, tick in enumerate(range(0, 70_000, 201), 1):
@@ -348,7 +348,7 @@ def test_the_tick_of_8_bits_goes_on_as_one_of_16_and_cycles_are_counted() -> Non
     assert shown.read("Contact.Tick", "Cycle.Cycles") == [0, 1]
 
 
-def test_a_drive_stands_with_the_tick_it_answers_and_off_it_is_0_v() -> None:
+def test_drive_object_has_the_answered_tick_and_is_0_v_when_off() -> None:
     od = stimulator_od()
     output = DriveOutput(od)
     entries = [od[f"Drive.{name}"] for name in ("Voltage", "Frequency", "Tick")]
@@ -377,7 +377,7 @@ def statuses(od: ObjectDictionary) -> list[int]:
         (range(7, 8), ()),
     ],
 )
-def test_a_sensor_at_its_end_is_an_overload_of_the_channels_that_come_of_it(
+def test_sensor_at_its_end_is_an_overload_of_its_channels(
     sensors: range, over: tuple[str, ...]
 ) -> None:
     od = stimulator_od()
@@ -389,7 +389,7 @@ def test_a_sensor_at_its_end_is_an_overload_of_the_channels_that_come_of_it(
         assert statuses(od) == [0] * 6
 
 
-def test_without_a_finger_the_cof_is_not_valid_beside_what_is_over() -> None:
+def test_cof_without_a_finger_is_invalid_despite_an_overload() -> None:
     od = stimulator_od()
     inputs = AnalogueInput(od)
     inputs.update(False, 0)

@@ -47,7 +47,7 @@ def test_a_plate_without_drives_is_at_0_v_to_the_microsecond(
     assert plate.block.inhibited
 
 
-def test_a_deadline_is_another_from_the_write_on_but_counts_from_the_last_drive() -> None:
+def test_new_deadline_counts_from_the_last_drive() -> None:
     line, plate = driven_plate(deadline_ms=None)
     plate.advance(4000)
     assert line.write_entry(plate, plate.od.entry(0x1400, 5), 5) == 0
@@ -57,7 +57,7 @@ def test_a_deadline_is_another_from_the_write_on_but_counts_from_the_last_drive(
     assert stage(plate) == 0
 
 
-def test_a_plate_that_comes_late_is_at_0_v_before_it_hears_what_waited() -> None:
+def test_late_plate_is_at_0_v_before_it_hears_queued_frames() -> None:
     _, plate = driven_plate(deadline_ms=None)
     plate.clock.now += DEFAULT_US - 1
     assert plate.overdue() == []
@@ -84,7 +84,7 @@ def running_stimulator() -> StimulatorNode:
     return node
 
 
-def test_a_stimulator_without_measurements_is_in_fault_to_the_microsecond() -> None:
+def test_missing_measurements_are_a_fault_to_the_microsecond() -> None:
     node = running_stimulator()
     node.advance(DEFAULT_US - 1000)
     node.receive(requests.sync())
@@ -96,7 +96,7 @@ def test_a_stimulator_without_measurements_is_in_fault_to_the_microsecond() -> N
     assert EMCY_STIMULATOR in [frame.can_id for frame in sent]
 
 
-def test_a_stimulator_that_comes_late_is_in_fault_before_it_hears_what_waited() -> None:
+def test_late_stimulator_is_in_fault_before_queued_frames() -> None:
     node = running_stimulator()
     node.clock.now += DEFAULT_US
     sent = node.overdue()
@@ -125,7 +125,7 @@ def test_nothing_is_stored_while_something_drives(server: int) -> None:
     assert save() == 0
 
 
-def test_the_stimulator_says_that_the_drives_were_late_when_the_plate_does() -> None:
+def test_stimulator_reports_late_drives_when_the_plate_does() -> None:
     line, plate, node = driven_both()
     plate.receive(requests.sync())  # two SYNCs that the stimulator does not hear the answer to
     plate.receive(requests.sync())
@@ -150,7 +150,7 @@ def test_drives_that_are_late_are_no_fault_before_the_deadline(amplitude: int, l
     assert abs(rig.plate.od["Vibration.W_d"].value - 10 * amplitude) < 200
 
 
-def test_late_drives_that_may_make_more_vibration_than_a_lower_limit_end_a_run(
+def test_late_drives_above_a_lowered_limit_end_the_run(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """In time the drive is cut to the limit; a late one leaves in force what was sent before."""
@@ -179,7 +179,7 @@ SYNC: tuple[str, Any] = ("sync", None)
 
 @given(st.lists(WAIT | ANSWER | NMT | st.just(SYNC), max_size=60))
 @example([("wait", 999), ("drive", (0, 3)), SYNC, SYNC, ("drive", (2000, 1)), ("wait", 2001)])
-def test_no_voltage_lasts_longer_than_the_deadline_after_a_drive_in_time(acts: list[Any]) -> None:
+def test_voltage_lasts_at_most_a_deadline_after_a_drive_in_time(acts: list[Any]) -> None:
     _, plate = driven_plate()
     in_time = plate.clock.now
     for kind, what in acts:

@@ -123,7 +123,7 @@ def slow_for_a_while(loop: SlowLoop, answers: list[int]) -> None:
         for n, (law, vibration) in enumerate(zip(Law, cycle(VibrationLaw)))
     ],
 )
-def test_what_late_drives_do_is_not_put_down_to_the_pickup(
+def test_late_drives_raise_no_fault_of_the_pickup(
     friction: Law, vibration: VibrationLaw, produce_sync: bool
 ) -> None:
     laws = {"Friction law": friction, "Controller.Vibration law": vibration}
@@ -141,7 +141,7 @@ def test_what_late_drives_do_is_not_put_down_to_the_pickup(
             assert late.endswith("of the last 20 drives late"), loop.message
 
 
-def test_the_machine_that_was_seen_ends_the_run_by_the_deadline_of_the_plate() -> None:
+def test_slow_stimulator_ends_its_run_by_the_plate_deadline() -> None:
     loop = SlowLoop(Mode.FRICTION)
     slow_for_a_while(loop, SEEN)
     assert loop.message == DRIVES_LATE
@@ -161,7 +161,7 @@ def test_late_drives_overshoot_and_end_no_run() -> None:
 
 
 @pytest.mark.parametrize("period", [2, 3])
-def test_a_pickup_that_is_dead_is_found_although_each_nth_drive_is_late(period: int) -> None:
+def test_dead_pickup_is_found_with_each_nth_drive_late(period: int) -> None:
     loop = SlowLoop(Mode.AMPLITUDE)
     loop.write("Setpoint.Amplitude", 1000)
     loop.periods(50)

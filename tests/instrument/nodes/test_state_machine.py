@@ -53,7 +53,7 @@ def test_every_event_has_its_rows_and_no_other(state: State, event: Event) -> No
         (Event.START_RUN, State.READY),
     ],
 )
-def test_what_ends_a_drive_asks_for_nothing(event: Event, after: State) -> None:
+def test_end_of_a_drive_has_no_conditions(event: Event, after: State) -> None:
     machine = machine_in(State.RUNNING)
     assert machine.handle(event, Guard(0))
     assert machine.state is after
@@ -84,7 +84,7 @@ def test_only_a_reset_that_rises_ends_a_fault() -> None:
         assert machine.state is after
 
 
-def test_a_word_that_asks_for_what_is_is_obeyed() -> None:
+def test_controlword_of_the_present_state_is_obeyed() -> None:
     machine = machine_in(State.READY)
     for word in (ARM, ARM, ARM | RUN, ARM | RUN):
         assert machine.command(word, Guard(7))
@@ -94,7 +94,7 @@ def test_a_word_that_asks_for_what_is_is_obeyed() -> None:
 
 
 @pytest.mark.parametrize("word", [RUN, ARM | RUN, QUICK_STOP, ARM | QUICK_STOP, 8, 0x40])
-def test_what_is_refused_when_ready_changes_nothing(word: int) -> None:
+def test_refused_command_when_ready_changes_nothing(word: int) -> None:
     machine = machine_in(State.READY)
     assert not machine.command(word, Guard(7))
     assert machine.state is State.READY
@@ -195,7 +195,7 @@ def test_quick_stop(armed: bool) -> None:
     assert state(node) is State.READY
 
 
-def test_start_run_disarms_and_what_stands_is_not_obeyed() -> None:
+def test_start_run_disarms_and_ignores_the_standing_controlword() -> None:
     line, node = running()
     assert line.write(node, "Simulation.Start run", 1) == 0
     assert state(node) is State.READY
@@ -207,7 +207,7 @@ def test_start_run_disarms_and_what_stands_is_not_obeyed() -> None:
 
 
 @pytest.mark.parametrize("command", [STOP, PREOP, RESET, RESET_COMMUNICATION])
-def test_leaving_operational_disarms_and_out_of_running_is_a_fault(command: int) -> None:
+def test_leaving_operational_disarms_and_is_a_fault_when_running(command: int) -> None:
     line, node = ready()
     assert line.write(node, "Controlword", ARM) == 0
     line.nmt(command)

@@ -35,7 +35,7 @@ def driving(loop: Loop) -> Loop:
 @pytest.mark.parametrize(
     ("voltage", "modes"), [(0, [OPEN_LOOP, OPEN_LOOP]), (50, [OFF, OPEN_LOOP])]
 )
-def test_the_first_drive_of_a_run_is_0_v_and_only_what_asks_for_more_waits(
+def test_first_drive_of_a_run_is_0_v_and_the_voltage_follows(
     loop: Loop, voltage: int, modes: list[int]
 ) -> None:
     assert loop.write("Setpoint.Voltage", voltage) == 0
@@ -47,9 +47,7 @@ def test_the_first_drive_of_a_run_is_0_v_and_only_what_asks_for_more_waits(
 
 
 @pytest.mark.parametrize("name", [ZERO_OF_S3, CALIBRATION])
-def test_zeros_and_calibration_stay_while_a_force_is_latched_and_present(
-    loop: Loop, name: str
-) -> None:
+def test_zeros_and_calibration_are_locked_with_a_force_fault(loop: Loop, name: str) -> None:
     (raw,) = loop.shown(name)
     assert loop.write("Controlword", 1) == 0
     loop.block.observe(Watchdog.NORMAL_FORCE, True)
@@ -111,7 +109,7 @@ def test_a_plate_inside_leaves_no_time_for_late_drives(driving: Loop) -> None:
     assert driving.latched == 1 << Watchdog.PICKUP
 
 
-def test_a_lower_limit_of_the_bound_cuts_the_voltage_and_is_no_fault(driving: Loop) -> None:
+def test_lower_limit_by_drive_cuts_the_voltage_without_a_fault(driving: Loop) -> None:
     assert driving.shown("Drive.Voltage") == [2000]
     assert driving.write("Limit.Amplitude by drive", 300) == 0
     driving.tick(200)
@@ -131,7 +129,7 @@ def test_a_model_is_in_force_from_the_next_cycle(loop: Loop) -> None:
     assert loop.shown("Model.Quality") == [pytest.approx(2 * before[0], abs=1)]
 
 
-def test_a_fault_is_the_message_and_not_why_the_controllers_gave_up(driving: Loop) -> None:
+def test_message_has_the_fault_not_the_end_of_the_controllers(driving: Loop) -> None:
     # What an RPDO brings is not refused.
     driving.block.od["Mode"].value = TEXTURE
     driving.tick()
@@ -159,7 +157,7 @@ def test_an_identification_shows_how_far_it_is(loop: Loop) -> None:
     assert loop.message == ""
 
 
-def test_an_identification_that_ends_leaves_a_message_about_something_else(loop: Loop) -> None:
+def test_identification_end_keeps_an_unrelated_message(loop: Loop) -> None:
     loop.run(IDENTIFY)
     loop.tick(5)
     assert loop.write("Texture table.Table 1", b"no table") == VALUE
@@ -169,7 +167,7 @@ def test_an_identification_that_ends_leaves_a_message_about_something_else(loop:
     assert loop.message == told
 
 
-def test_an_identification_that_is_over_has_no_part_in_what_follows() -> None:
+def test_finished_identification_does_not_act_on_later_modes() -> None:
     drives: list[list[Drive]] = []
     for forgotten in (False, True):
         loop = Loop()
@@ -217,7 +215,7 @@ def test_a_write_to_something_else_lets_a_texture_go_on() -> None:
     assert cascade.state.playing.ticks == 1
 
 
-def test_a_zero_that_is_written_is_a_tare_and_another_write_is_none() -> None:
+def test_written_zero_is_a_tare_and_other_writes_are_not() -> None:
     od = stimulator_od()
     od["Tare at power-on"].value = 0
     block = StimulatorBlock(od, PlateBlock(plate_od()))

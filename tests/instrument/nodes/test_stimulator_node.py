@@ -68,7 +68,7 @@ def driving(mode: int = AMPLITUDE) -> tuple[Line, PlateNode, StimulatorNode]:
     return line, plate, stimulator
 
 
-def test_lost_and_foreign_measurements_are_counted_and_not_answered() -> None:
+def test_lost_and_foreign_measurements_count_without_an_answer() -> None:
     line, node = waiting()
     first, _, last = measurement(0)
     assert line.send(SYNC, first, last) == []
@@ -111,7 +111,7 @@ def test_plate_input_shows_whole_measurements_alone() -> None:
     assert stimulator.od["Plate input.Check"].value == last.data[7]
 
 
-def test_what_is_written_to_plate_input_is_used_by_no_cycle() -> None:
+def test_write_to_plate_input_is_used_in_no_cycle() -> None:
     """The controllers answer what has come, whatever a master writes between two PDOs of it."""
     outcomes = []
     for raw in (0, 9_000):
@@ -144,7 +144,7 @@ def test_three_unusable_measurements_in_a_row_are_a_fault() -> None:
     assert stimulator.od["Diagnosis.Code"].value == 0x8251
 
 
-def test_a_drive_that_is_asked_for_is_0_v_once_the_stimulator_has_left_operational() -> None:
+def test_requested_drive_is_0_v_once_operational_is_left() -> None:
     line, plate, _ = driven_both()
     (asked,) = line.send(Frame(DRIVE, rtr=True))
     assert asked.data[:2] == b"\xd0\x07"
@@ -156,7 +156,7 @@ def test_a_drive_that_is_asked_for_is_0_v_once_the_stimulator_has_left_operation
     assert stage(plate) == 0
 
 
-def test_a_wrong_cycle_period_is_reported_once_and_stops_the_drive() -> None:
+def test_wrong_cycle_period_is_reported_once_and_stops_the_drive() -> None:
     line, node = waiting()
     period = node.od.entry(0x1006)
     assert line.write_entry(node, period, 2000) == 0
@@ -321,7 +321,7 @@ AUTO_ZERO = "AI auto-zero.AI auto-zero force x"
          "not tared: a tare needs 64 samples, 1 were seen"),
     ],
 )  # fmt: skip
-def test_a_refused_write_changes_nothing_and_the_message_says_why(
+def test_refused_write_changes_nothing_and_message_says_why(
     command: int, name: str, raw: int, code: int, reason: str
 ) -> None:
     """Instead of the reason of a refusal before."""
@@ -379,7 +379,7 @@ def test_a_refusal_without_an_object_is_told_too() -> None:
     )
 
 
-def test_what_is_accepted_then_takes_the_reason_away() -> None:
+def test_accepted_write_clears_the_reason_of_a_refusal() -> None:
     line, _, stimulator = both_nodes()
     assert line.write(stimulator, "Setpoint.Voltage", 20_001) == TOO_HIGH
     assert line.write(stimulator, "Friction law", 0) == 0
@@ -398,7 +398,7 @@ def test_what_is_accepted_then_takes_the_reason_away() -> None:
         (AMPLITUDE_RESONANCE, "Setpoint.Amplitude", "Setpoint.Amplitude is 0 in Mode 3"),
     ],
 )
-def test_a_run_that_is_asked_for_nothing_says_what_is_missing(
+def test_run_without_mode_or_setpoint_names_the_missing_one(
     mode: int, name: str, hint: str, by_rpdo: bool
 ) -> None:
     line, _, stimulator = ready_both()
@@ -515,7 +515,7 @@ def test_only_a_new_run_answers_the_tick_that_was_answered_last() -> None:
         ((0, 1, 3, 4), [0]),
     ],
 )
-def test_a_change_of_state_is_0_v_for_a_plate_that_drives_and_nothing_for_others(
+def test_state_change_sends_0_v_to_a_driven_plate_alone(
     words: tuple[int, ...], sent: list[int]
 ) -> None:
     line, _, stimulator = ready_both()
@@ -525,7 +525,7 @@ def test_a_change_of_state_is_0_v_for_a_plate_that_drives_and_nothing_for_others
     assert [voltage for voltage, _, _ in driven(line.frames[before:])] == sent
 
 
-def test_the_fault_memory_outlives_a_reset_to_the_defaults_and_is_no_latch() -> None:
+def test_fault_memory_outlasts_restored_defaults_without_a_latch() -> None:
     line, _, stimulator = driven_both()
     stimulator.transmit_failed()
     memory = stimulator.od["Fault memory.Fault 1"]
@@ -539,7 +539,7 @@ def test_the_fault_memory_outlives_a_reset_to_the_defaults_and_is_no_latch() -> 
     assert stimulator.block.state is State.NOT_READY
 
 
-def test_links_that_a_master_took_back_are_made_anew_at_the_start_and_not_before() -> None:
+def test_plate_links_taken_back_are_set_anew_at_the_start_only() -> None:
     rig = driven_rig()
     link = rig.od.entry(0x1404, 1)
     assert link.value == 0x1A1 != link.default
@@ -583,7 +583,7 @@ class Told:
 
 
 @pytest.mark.parametrize("event_driven", [(), (2,), (3,), (4,), (2, 3, 4)])
-def test_a_cycle_publishes_the_status_and_what_has_type_254(event_driven: tuple[int, ...]) -> None:
+def test_cycle_sends_the_status_and_tpdos_of_type_254(event_driven: tuple[int, ...]) -> None:
     told = Told()
     for number in (1, *event_driven):
         told.od.entry(0x1800 + number - 1, 2).value = 254
@@ -604,9 +604,7 @@ def test_a_state_is_the_status_alone_and_the_last_time_is_all() -> None:
     ("state", "source"),
     [(State.RUNNING, STIMULATOR_ID), (State.READY, STIMULATOR_ID), (State.FAULT, 0xA0)],
 )
-def test_the_check_of_a_drive_says_who_sends_it_and_whether_in_fault(
-    state: State, source: int
-) -> None:
+def test_drive_check_covers_sender_and_fault(state: State, source: int) -> None:
     told = Told()
     told.supervisor.state = state
     for name, raw in (("Voltage", 2000), ("Frequency", 4_339_000), ("Tick", 7)):
@@ -617,7 +615,7 @@ def test_the_check_of_a_drive_says_who_sends_it_and_whether_in_fault(
     assert told.triggered == [DRIVE_TPDO]
 
 
-def test_what_is_latched_is_told_once_and_taken_back_when_it_is_reset() -> None:
+def test_latched_fault_is_sent_once_and_cleared_by_its_reset() -> None:
     told = Told()
     told.tell(NMT)
     assert told.emergencies == [(NMT_CODE, 0x10, bytes((0,)))]
@@ -639,7 +637,7 @@ def test_nothing_latched_is_nothing_told() -> None:
     assert (told.emergencies, told.cleared, told.triggered) == ([], [], [])
 
 
-def test_what_was_latched_in_a_reset_or_before_is_told_after_it() -> None:
+def test_fault_latched_before_or_in_a_reset_is_sent_after_it() -> None:
     told = Told()
     told.tell(BUS_OFF)
     told.supervisor.latched |= NMT

@@ -56,7 +56,7 @@ def test_links_to_a_plate_node_end_with_the_plate_node() -> None:
     assert [e.read() for e in alone.od] == [e.read() for e in fresh.od]
 
 
-def test_command_line_wins_over_what_is_stored() -> None:
+def test_command_line_option_wins_over_stored_value() -> None:
     memory = Memory()
     od = plate_od()
     node = PlateNode(od, {"Simulation.Seed": 7}, storage=memory)
@@ -68,7 +68,7 @@ def test_command_line_wins_over_what_is_stored() -> None:
     assert od["Simulation.Seed"].value == 1, "the preset of another run is not stored"
 
 
-def test_stored_settings_that_contradict_each_other_are_defaults_again() -> None:
+def test_contradicting_stored_settings_become_defaults() -> None:
     od = stimulator_od()
     memory = Memory()
     identity = (od.number(0x1018, 1), od.number(0x1018, 2), od.number(0x1018, 3))

@@ -97,7 +97,7 @@ class Loop:
         return int(self.od["Cycle.Ignored controlwords"].value)
 
 
-def test_at_power_on_there_is_no_fault_and_the_first_word_is_obeyed() -> None:
+def test_supervisor_starts_without_fault_and_obeys_first_word() -> None:
     loop = Loop()
     assert loop.shown == (0, 0, 0)
     loop.by_rpdo(ARM)
@@ -113,7 +113,7 @@ def test_only_running_lets_a_voltage_out(state: State, voltage: float) -> None:
     assert loop.supervisor.state is state
 
 
-def test_what_the_bound_of_the_vibration_cuts_goes_out_cut() -> None:
+def test_supervisor_sends_the_voltage_cut_by_the_bound() -> None:
     loop = Loop(State.RUNNING)
     assert loop.cycle(asked=Drive(80.0, 43390.0)) == Drive(30.0, 43390.0)
 
@@ -170,7 +170,7 @@ def test_a_fault_when_ready_is_present_and_not_latched() -> None:
 
 
 @pytest.mark.parametrize("state", [State.ARMED, State.RUNNING])
-def test_a_fault_when_sharp_is_latched_and_what_follows_is_added(state: State) -> None:
+def test_fault_when_armed_is_latched_and_later_ones_are_added(state: State) -> None:
     loop = Loop(state)
     assert loop.supervisor.armed
     loop.come(Watchdog.BUS_OFF)
@@ -186,7 +186,7 @@ def test_a_fault_when_sharp_is_latched_and_what_follows_is_added(state: State) -
     assert loop.shown == (0x8141, BUS_OFF | HEARTBEAT, BUS_OFF | HEARTBEAT)
 
 
-def test_a_temperature_that_a_plate_reports_between_two_cycles_is_latched_in_a_fault() -> None:
+def test_plate_temperature_emcy_between_cycles_is_latched() -> None:
     """It is looked at in every cycle too; that it is latched there depends on when it comes."""
     loop = Loop(State.RUNNING)
     loop.come(Watchdog.BUS_OFF)
@@ -212,7 +212,7 @@ def test_a_fault_is_reset_when_none_that_is_latched_is_present() -> None:
     assert loop.message == ""
 
 
-def test_a_fault_that_came_later_and_is_present_leaves_it_not_ready() -> None:
+def test_later_fault_that_is_present_keeps_the_state_not_ready() -> None:
     loop = Loop(State.RUNNING)
     loop.come(Watchdog.NMT)
     loop.cycle(STUCK)
@@ -221,7 +221,7 @@ def test_a_fault_that_came_later_and_is_present_leaves_it_not_ready() -> None:
     assert (loop.supervisor.state, loop.shown) == (State.NOT_READY, (0, STUCK, 0))
 
 
-def test_somebody_who_has_to_mend_it_is_told_of_a_fault_that_is_not_latched() -> None:
+def test_unlatched_fault_that_needs_a_person_is_in_message() -> None:
     loop = Loop()
     loop.come(Watchdog.DOUBLE)
     assert loop.message.startswith("another node sends with an identifier")
@@ -246,7 +246,7 @@ def test_a_message_about_something_else_stays() -> None:
 
 
 @pytest.mark.parametrize("latched", [False, True])
-def test_a_new_run_takes_a_message_away_but_not_that_of_a_latched_fault(latched: bool) -> None:
+def test_new_run_clears_message_except_of_a_latched_fault(latched: bool) -> None:
     loop = Loop(State.ARMED)
     if latched:
         loop.come(Watchdog.BUS_OFF)
@@ -258,7 +258,7 @@ def test_a_new_run_takes_a_message_away_but_not_that_of_a_latched_fault(latched:
 
 
 @pytest.mark.parametrize("lacking", ["live", "operational", "tared"])
-def test_what_has_to_be_there_before_it_is_ready(lacking: str) -> None:
+def test_ready_needs_each_of_its_conditions(lacking: str) -> None:
     loop = Loop()
     supervisor = loop.supervisor
     setattr(supervisor, lacking, False)
@@ -277,7 +277,7 @@ def test_what_has_to_be_there_before_it_is_ready(lacking: str) -> None:
         (State.RUNNING, State.FAULT, NMT),
     ],
 )
-def test_to_leave_operational_or_restart_out_of_running_is_a_fault(
+def test_leaving_operational_or_restart_when_running_is_a_fault(
     state: State, after: State, latched: int
 ) -> None:
     for act in (Supervisor.leave, Supervisor.restart):
@@ -288,7 +288,7 @@ def test_to_leave_operational_or_restart_out_of_running_is_a_fault(
         assert not loop.supervisor.live
 
 
-def test_a_restart_forgets_what_was_latched_and_the_last_word() -> None:
+def test_restart_clears_latched_faults_and_the_last_controlword() -> None:
     loop = Loop(State.ARMED)
     loop.come(Watchdog.BUS_OFF)
     loop.supervisor.restart()
@@ -321,7 +321,7 @@ def test_no_tare_while_sharp_or_under_a_force_that_has_tripped(fault: int) -> No
     assert not supervisor.tare_inhibited, "no force"
 
 
-def test_a_word_by_rpdo_is_obeyed_once_and_counted_if_it_is_illegal() -> None:
+def test_controlword_by_rpdo_acts_once_and_counts_if_illegal() -> None:
     loop = Loop()
     for word, state, ignored in (
         (RUN, State.READY, 1),
@@ -350,7 +350,7 @@ def faults(loop: Loop) -> list[str]:
     return [text for text in texts if text]
 
 
-def test_a_fault_is_kept_with_its_cause_and_what_was_asked_for() -> None:
+def test_fault_is_stored_with_its_cause_and_setpoint() -> None:
     loop = Loop(State.RUNNING)
     assert faults(loop) == []
     loop.od["Mode"].value = Mode.AMPLITUDE
@@ -433,7 +433,7 @@ def test_a_refusal_is_told_until_its_record_takes_a_write() -> None:
     assert loop.message == "about something else"
 
 
-def test_a_latched_fault_and_what_somebody_has_to_mend_outlast_a_refusal() -> None:
+def test_message_of_latched_or_open_fault_outlasts_a_refusal() -> None:
     loop = Loop(State.ARMED)
     loop.come(Watchdog.BUS_OFF)
     loop.supervisor.refuse("Mode", "none")

@@ -62,7 +62,7 @@ def test_two_too_many_or_too_few_in_8_ms_pass_and_three_do_not(
         ([*[1] * 79, 2] * 31, 13 / 14),
     ],
 )
-def test_level_rises_with_what_is_too_much_in_either_window(syncs: list[int], level: float) -> None:
+def test_sync_level_rises_with_surplus_in_either_window(syncs: list[int], level: float) -> None:
     watch = Watch()
     watch.hear(len(syncs), syncs)
     assert watch.peak == pytest.approx(level)
@@ -98,7 +98,7 @@ def test_no_sync_for_the_deadline_is_lost() -> None:
           ((800, True), (965, True), (973, False), (1030, False), (1034, True))),
     ],
 )  # fmt: skip
-def test_1_percent_and_the_deadline_too_many_or_too_few_are_no_drift(
+def test_sync_drift_allows_1_percent_and_a_deadline(
     deadline_ms: int, period_us: int, drifts: bool
 ) -> None:
     watch = Watch(deadline_ms)

@@ -121,7 +121,7 @@ def share_at(hertz: float, damping: float = 1.0) -> float:
         (43_300.0, 20.0, 1.0, 74.0),
     ],
 )
-def test_off_the_resonance_of_an_identified_plate_the_bound_is_lower(
+def test_bound_from_above_is_lower_off_the_identified_resonance(
     hertz: float, temperature: float, Fn: float, off: float
 ) -> None:
     watch = identified()
@@ -147,7 +147,7 @@ def test_a_low_gain_is_not_believed(gain: int, bound: float) -> None:
     assert bound_um(settled(watch, gain * 1e-4)) == pytest.approx(bound, abs=1e-4)
 
 
-def test_what_a_low_gain_may_be_is_that_of_the_data_sheet() -> None:
+def test_least_gain_of_the_bound_is_that_of_the_data_sheet() -> None:
     watch = watch_of(Gain_per_volt=5_000, Data_sheet_gain_per_volt=30_000)
     assert bound_um(settled(watch, 0.5)) == pytest.approx(2.7, abs=1e-4)
     watch = watch_of(Gain_per_volt=5_000, Data_sheet_tolerance=30)
@@ -194,7 +194,7 @@ def driven_on(watch: Watch, asked: Drive, Fn: float, cycles: int) -> list[float]
         (0.5, 134.47),
     ],
 )
-def test_a_voltage_is_cut_to_what_keeps_the_bound_within_its_limit(Fn: float, most: float) -> None:
+def test_voltage_is_cut_to_keep_the_bound_within_its_limit(Fn: float, most: float) -> None:
     watch = watch_of(limit=5_000)
     watch.look(0j, pressing(Fn), 20.0, AMPLITUDE_MODE)
     volts = driven_on(watch, Drive(150.0, RESONANCE_HZ), Fn, 30)
@@ -212,7 +212,7 @@ def test_the_paper_is_not_cut() -> None:
         watch.look(1e-6 + 0j, pressing(0.0), 20.0, AMPLITUDE_MODE)
 
 
-def test_a_hop_to_the_resonance_has_its_voltage_cut_in_the_same_drive() -> None:
+def test_voltage_is_cut_in_the_drive_that_hops_to_the_resonance() -> None:
     watch = watch_of(limit=5_000, State=DONE)
     far, near = Drive(150.0, 42_900.0), Drive(150.0, RESONANCE_HZ)
     assert driven_on(watch, far, 0.0, 30)[-1] == 150.0
@@ -234,7 +234,7 @@ def test_a_finger_that_lifts_takes_the_limit_with_it() -> None:
         assert bound_um(watch) <= 3.27 + 1e-6, cycle
 
 
-def test_a_limit_below_the_bound_gives_0_v_until_it_has_died_down() -> None:
+def test_limit_below_the_bound_is_0_v_until_the_bound_decayed() -> None:
     watch = settled(watch_of(limit=5_000), 3.0, volts=60.0)
     watch.limit_bound(0.3)
     assert watch.allowed(Drive(60.0, RESONANCE_HZ)).voltage == 0.0
@@ -289,9 +289,7 @@ def least_um(watch: Watch) -> float:
         (turned(0.0199, 60), 1.0),
     ],
 )
-def test_the_bound_from_below_of_an_unknown_plate_takes_the_phase_that_is_read(
-    um: complex, share: float
-) -> None:
+def test_bound_from_below_takes_measured_phase_without_model(um: complex, share: float) -> None:
     assert least_um(settled(watch_of(), um)) == pytest.approx(3.7183 * share, abs=2e-4)
 
 
@@ -340,7 +338,7 @@ def test_the_bound_from_below_of_an_identified_plate_does_not(
         (100.0, TRACKED, 20),
     ],
 )
-def test_after_a_hop_of_the_frequency_in_open_loop_nothing_is_lacking_for_8_cycles(
+def test_frequency_hop_in_open_loop_suspends_5213h_for_8_cycles(
     hertz: float, mode: int, cycles: int
 ) -> None:
     watch = settled(watch_of(), 5.0)
@@ -357,7 +355,7 @@ def test_nothing_is_missed_below_200_nm_or_while_identifying() -> None:
     assert cycles_to(PICKUP, settled(watch_of(), 5.0), 1.0) == 20
 
 
-def test_the_bound_from_below_rises_with_the_lesser_of_two_voltages() -> None:
+def test_bound_from_below_follows_the_lesser_of_two_voltages() -> None:
     # In the air under 100 V: 3.7183 um in the end, of which a cycle makes 1 - exp(-1.3447/0.944).
     step = 1.0 - math.exp(-1.3447 / 0.944)
     for cycles, share in ((1, 0.0), (2, step), (3, 1.0 - (1.0 - step) ** 2)):
@@ -432,7 +430,7 @@ def test_a_cycle_that_is_sound_begins_the_count_of_nothing_anew() -> None:
     assert reads(watch, *[0.1] * 10) == [False] * 9 + [True]
 
 
-def test_too_little_that_comes_and_goes_is_counted_and_forgotten_after_20_sound_cycles() -> None:
+def test_intermittent_lack_counts_and_is_forgotten_in_20_cycles() -> None:
     watch = settled(watch_of(), 5.0)
     # 19 and a sound one leave 18.95 of 20: the second cycle after it is the fault.
     assert reads(watch, *[1.0] * 19, 5.0, 1.0, 1.0) == [False] * 21 + [True]
@@ -440,7 +438,7 @@ def test_too_little_that_comes_and_goes_is_counted_and_forgotten_after_20_sound_
     assert not any(reads(watch, *([1.0] + [5.0] * 20) * 30))
 
 
-def test_cycles_without_a_vibration_do_not_count_for_the_resonance() -> None:
+def test_cycles_at_no_vibration_count_for_no_lost_resonance() -> None:
     watch = watch_of()
     watch.drive(20.0)
     found = [watch.look(1e-6 * um, mode=TRACKED) for um in (0j, turned(2.0, 60)) * 100]
@@ -495,7 +493,7 @@ def test_a_late_drive_leaves_the_ones_before_in_force_perhaps(
     [(5.0, 100.0, 10.0, 18), (0.0, 1.0, 100.0, 25), (0.05, 1.0, 100.0, 25)],
     ids=["goes on", "stays away", "stays small"],
 )
-def test_a_vibration_that_does_not_follow_a_drive_that_is_late_is_no_fault(
+def test_vibration_that_lags_a_late_drive_is_no_fault(
     um: float, before: float, after: float, cycles: int
 ) -> None:
     for late in (False, True):
@@ -506,9 +504,7 @@ def test_a_vibration_that_does_not_follow_a_drive_that_is_late_is_no_fault(
 
 @pytest.mark.parametrize("um", [0.0, 1.0, 12.0])
 @pytest.mark.parametrize("before", [0.0, 150.0])
-def test_a_pickup_that_reads_wrong_is_found_although_each_second_drive_is_late(
-    before: float, um: float
-) -> None:
+def test_wrong_pickup_is_found_with_each_second_drive_late(before: float, um: float) -> None:
     watch = settled(watch_of((20, 20, 20)), before * 0.05, volts=before)
     found = []
     for at in range(80):
@@ -516,7 +512,7 @@ def test_a_pickup_that_reads_wrong_is_found_although_each_second_drive_is_late(
     assert 0 < first(PICKUP, found) <= 45
 
 
-def test_the_bound_from_above_is_that_of_the_largest_voltage_that_may_be_in_force() -> None:
+def test_bound_from_above_takes_largest_voltage_of_late_drives() -> None:
     watch = settled(watch_of(limit=4900), 5.0)
     after(watch, *[(10.0, True)] * 3)
     assert bound_um(watch) == pytest.approx(5.0, abs=1e-4)
@@ -581,7 +577,7 @@ def test_ticks_without_a_measurement_are_time_for_the_vibration(ticks: int) -> N
 @pytest.mark.parametrize(
     ("softening", "lower", "higher"), [(0, 0.0, 0.0), (60_000, 300.0, 0.0), (-60_000, 0.0, 300.0)]
 )
-def test_a_plate_that_softens_may_resonate_where_it_is_at_the_limit(
+def test_bound_of_a_softening_plate_uses_resonance_at_the_limit(
     softening: int, lower: float, higher: float
 ) -> None:
     """5 um of 60 Hz/um; the rest is 2 Hz, a kelvin, and what 0.05 N of a finger make."""

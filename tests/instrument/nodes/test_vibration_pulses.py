@@ -97,7 +97,7 @@ def test_no_pulses_make_a_sound_pickup_doubtful(
     ("gain", "Fn", "seen"),
     [(0.4, 0.0, True), (0.4, 0.6, True), (0.4, 0.7, False), (0.3, 1.2, True), (0.5, 0.2, False)],
 )
-def test_a_finger_that_damps_more_explains_what_one_that_damps_little_shows(
+def test_bound_from_below_allows_a_finger_of_most_damping(
     gain: float, Fn: float, seen: bool
 ) -> None:
     assert (missed_after([90.0] * 100, Fn=Fn, direct=gain) > 0) == seen
@@ -115,19 +115,17 @@ def told_after(volts: float, readings: Iterable[complex], mode: int, watchdog: W
 
 
 @pytest.mark.parametrize(("sound", "cycles"), [(0, 100), (1, 103), (5, 111), (20, 163), (48, 0)])
-def test_a_loop_led_astray_is_found_although_its_phase_is_right_now_and_then(
-    sound: int, cycles: int
-) -> None:
+def test_lost_resonance_is_found_despite_cycles_of_right_phase(sound: int, cycles: int) -> None:
     readings = [0.5j] * (50 - sound) + [0.5 + 0j] * sound
     assert told_after(100.0, readings, AMPLITUDE_RESONANCE, Watchdog.RESONANCE) == cycles
     assert told_after(100.0, readings, OPEN_LOOP, Watchdog.RESONANCE) == 0
 
 
-def test_a_pickup_that_reads_nothing_from_the_first_cycle_on_is_found_after_ten() -> None:
+def test_silent_pickup_from_the_first_cycle_is_a_fault_after_10() -> None:
     assert told_after(100.0, [0j], OPEN_LOOP, Watchdog.PICKUP) == 10
 
 
-def test_a_loop_that_is_closed_again_has_its_time_to_find_the_resonance() -> None:
+def test_loop_closed_again_has_time_to_find_the_resonance() -> None:
     watch = Watch()
     nobody = Contact(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, touching=False)
     for cycle in range(1000):
@@ -137,7 +135,7 @@ def test_a_loop_that_is_closed_again_has_its_time_to_find_the_resonance() -> Non
 
 
 @pytest.mark.parametrize(("driven", "decaying", "cycles"), [(0.5, 0.2j, 0), (0.5j, 0.2, 199)])
-def test_only_the_phase_under_a_voltage_shows_whether_the_resonance_is_lost(
+def test_lost_resonance_is_judged_under_a_voltage_only(
     driven: complex, decaying: complex, cycles: int
 ) -> None:
     """At 0 V the vibration has its own frequency, which on a plate that softens is another one."""

@@ -77,7 +77,7 @@ def test_a_pickup_that_reads_too_little_is_a_fault(gain: int, mode: int, sensor:
 
 @pytest.mark.parametrize("mode", [AMPLITUDE, AMPLITUDE_RESONANCE])
 @pytest.mark.parametrize("per_mille", [50, 100, 500])
-def test_what_the_pickup_hides_stays_within_3_27_um_and_ends(mode: int, per_mille: int) -> None:
+def test_hidden_vibration_stays_within_3_27_um_and_ends(mode: int, per_mille: int) -> None:
     line, node = driving(mode, Amplitude=3000)
     line.sync(60)
     lose_gain(line, node, PICKUP, per_mille)
@@ -106,7 +106,7 @@ def test_off_the_resonance_a_broken_axis_hides_no_vibration(
 
 
 @pytest.mark.parametrize("gain", [600, 700, 800, 900])
-def test_what_is_not_seen_makes_no_more_than_the_setpoint_over_the_gain(gain: int) -> None:
+def test_unseen_gain_loss_reaches_at_most_setpoint_over_gain(gain: int) -> None:
     line, node = driving(AMPLITUDE_RESONANCE)
     line.sync(60)
     lose_gain(line, node, PICKUP, gain)
@@ -131,9 +131,7 @@ def test_a_loss_across_the_vibration_alone_changes_nothing() -> None:
 
 @pytest.mark.parametrize("subject", range(1, 6))
 @pytest.mark.parametrize("force", [100, 500, 1000])
-def test_the_bound_by_the_drive_holds_and_leaves_the_paper_its_room(
-    subject: int, force: int
-) -> None:
+def test_bound_by_drive_holds_and_permits_the_runs_of_the_paper(subject: int, force: int) -> None:
     lower = (2000, 3000, 4000, 5000, 5000)[subject - 1]
     line, node = driving(FRICTION, finger=LIFTED, COF_left=lower, COF_right=lower + 1000)
     for name, raw in (("Simulation.Subject", subject), ("Finger.Force", force),
@@ -171,7 +169,7 @@ def test_the_way_to_the_resonance_is_no_fault(frequency: int) -> None:
 
 
 @pytest.mark.parametrize("by_rpdo", [False, True])
-def test_open_loop_is_cut_to_what_the_bare_plate_may_reach(by_rpdo: bool) -> None:
+def test_open_loop_voltage_is_cut_to_the_limit_of_the_bare_plate(by_rpdo: bool) -> None:
     line, node = driving(OPEN_LOOP, Voltage=1000)
     if by_rpdo:
         line.send(Frame(0x300 + 0x20, struct.pack("<HI", 15_000, 4_339_000)))
@@ -230,9 +228,7 @@ def identified(line: Line, node: StimulatorNode) -> None:
 
 @pytest.mark.parametrize("mode", [OPEN_LOOP, AMPLITUDE, AMPLITUDE_RESONANCE])
 @pytest.mark.parametrize("gain", [200, 500])
-def test_a_weak_pickup_is_a_fault_in_a_run_that_begins_with_an_identified_plate(
-    gain: int, mode: int
-) -> None:
+def test_weak_pickup_is_a_fault_from_an_identified_start(gain: int, mode: int) -> None:
     line, node = driving(None)
     identified(line, node)
     assert line.write(node, "Simulation.Start run", 1) == 0
@@ -293,7 +289,7 @@ def test_a_hop_in_mode_amplitude_is_a_way_of_5_hz_a_cycle() -> None:
     assert not any(limited for _, limited in ways[14:])
 
 
-def test_an_identification_that_would_drive_too_much_says_what_to_correct() -> None:
+def test_identification_above_the_bound_names_the_correction() -> None:
     """A pick-up that reads next to nothing lets the probe go up to the bound of the drive."""
     line, node = driving(None)
     lose_gain(line, node, PICKUP, 20)

@@ -61,7 +61,7 @@ def test_a_new_zero_begins_the_count_anew() -> None:
     assert faults == [0] * 8 + [GAUGES]
 
 
-def test_a_finger_may_contradict_for_4_cycles_when_it_lands_and_when_it_leaves() -> None:
+def test_finger_may_contradict_for_4_cycles_at_landing_and_lift() -> None:
     watch = Watch()
     for cycle in range(2000):
         # 6 landings a second; 61 sound cycles from each until the finger leaves.
@@ -247,7 +247,7 @@ def test_gauges_that_were_never_tared_contradict_nobody() -> None:
     assert watch.look(gauges=(0.0, 0.0, 9.0, 0.0, 0.0, 0.0)) & GAUGES == 0
 
 
-def test_before_the_first_drive_and_measurement_nothing_is_near_a_fault() -> None:
+def test_fault_levels_before_the_first_drive_are_0() -> None:
     watch = Watch()
     shares = levels(watch.plan, watch.state, watch.in_force, LIFTED, 30.0)
     assert shares.pop(Watchdog.TEMPERATURE) == 0.5
@@ -295,7 +295,7 @@ def test_one_in_twenty_one_cycles_is_forgotten() -> None:
 
 
 @given(st.lists(st.booleans(), max_size=400), st.integers(1, 10))
-def test_what_never_trips_is_rare_in_every_window(pattern: list[bool], most: int) -> None:
+def test_counts_without_a_fault_are_rare_in_every_window(pattern: list[bool], most: int) -> None:
     bucket = Bucket()
     quiet: list[bool] = []
     for faulty in pattern:
@@ -309,9 +309,7 @@ def test_what_never_trips_is_rare_in_every_window(pattern: list[bool], most: int
 
 
 @given(st.lists(st.booleans(), max_size=60), st.integers(1, 10))
-def test_a_fault_that_is_gone_is_forgotten_within_21_sound_cycles(
-    pattern: list[bool], most: int
-) -> None:
+def test_past_fault_is_forgotten_within_21_sound_cycles(pattern: list[bool], most: int) -> None:
     bucket = Bucket()
     for faulty in pattern:
         bucket.count(faulty, most)

@@ -168,7 +168,7 @@ def test_a_run_in_lockstep_is_the_same_to_the_bit() -> None:
 
 
 @pytest.mark.parametrize("lockstep", [True, False])
-def test_sync_is_what_the_node_is_configured_for(lockstep: bool) -> None:
+def test_replay_takes_the_configured_sync_identifier(lockstep: bool) -> None:
     def power_on() -> StimulatorNode:
         node = lockstep_node() if lockstep else clocked_node()
         sync = node.od.entry(0x1005, 0)
@@ -268,7 +268,7 @@ def test_a_drive_of_another_tick_answers_nothing() -> None:
     assert (found.number, found.recomputed) == (place + 1, None)
 
 
-def test_the_end_of_a_log_may_lack_what_was_not_sent_yet() -> None:
+def test_replay_ignores_unsent_frames_at_the_end_of_a_log() -> None:
     log = friction_run()
     assert replayed(log[: places(log, DRIVE)[300]]).drives == 300
 
@@ -313,7 +313,7 @@ def test_a_reset_is_as_good_as_a_power_on() -> None:
     assert second.drives == len(places(log[reset:], DRIVE)) > 400
 
 
-def test_what_waited_behind_the_reset_is_heard_after_the_boot_up() -> None:
+def test_replay_hears_frames_queued_at_the_reset_after_boot_up() -> None:
     """The node acts on the reset before it looks at the next frame, which is in the log already."""
     log = clocked_run(reset=True)
     reset = places(log, 0)[-3]
@@ -341,7 +341,7 @@ def test_a_log_without_a_boot_up_is_refused() -> None:
         replayed(log[1000:])
 
 
-def test_the_boot_up_of_a_reset_communication_is_none_to_begin_with() -> None:
+def test_replay_does_not_start_at_a_reset_communication() -> None:
     log = friction_run()
     start = places(log, BOOT_UP)[0]
     reset = (log[start][0], Frame(0, bytes((0x82, 32))))
@@ -405,7 +405,7 @@ def test_frames_of_timers_may_wait_for_those_of_the_loop() -> None:
     assert replayed(stamped, lockstep=False).drives == len(places(log, DRIVE))
 
 
-def test_what_a_timer_sends_is_compared() -> None:
+def test_replay_compares_frames_sent_by_timers() -> None:
     log = clocked_run()
     place = places(log, 0x2A0)[3]
     found = first_difference(changed(log, place, 0, log[place][1].data[0] ^ 1), lockstep=False)
@@ -413,7 +413,7 @@ def test_what_a_timer_sends_is_compared() -> None:
     assert found.fields[0].name == "Contact.Tangential force"
 
 
-def test_measurements_that_came_before_the_node_listened_are_left_out() -> None:
+def test_replay_skips_measurements_before_the_start_of_the_node() -> None:
     """The first one after the start is on the bus, and the node has not heard it."""
     log = clocked_run()
     first = places(log, 0x1A1)[0]
@@ -430,7 +430,7 @@ def test_measurements_that_came_before_the_node_listened_are_left_out() -> None:
 
 
 @pytest.mark.parametrize("late", [0, 500])
-def test_a_read_behind_the_first_measurement_is_answered_after_it(late: int) -> None:
+def test_replay_answers_a_read_behind_the_first_measurement_late(late: int) -> None:
     """Before its SYNC of the next tick or behind it: the first drive may be late by that."""
     log = clocked_run()
     measured, drive = places(log, 0x3A1)[0], places(log, DRIVE)[0]
@@ -446,7 +446,7 @@ def test_a_read_behind_the_first_measurement_is_answered_after_it(late: int) -> 
     assert replayed(busy, lockstep=False).drives == len(places(log, DRIVE))
 
 
-def test_a_read_within_a_measurement_is_answered_before_the_drive() -> None:
+def test_replay_answers_a_read_within_a_measurement_first() -> None:
     """Its answer shows that the first frame of the measurement was received, and the rest not."""
     log = clocked_run()
     measured, drive = places(log, 0x1A1)[5], places(log, DRIVE)[5]
@@ -458,7 +458,7 @@ def test_a_read_within_a_measurement_is_answered_before_the_drive() -> None:
     assert replayed(busy, lockstep=False).drives == len(places(log, DRIVE))
 
 
-def test_the_start_may_be_heard_together_with_what_came_behind_it() -> None:
+def test_replay_hears_a_start_with_the_frames_behind_it() -> None:
     """Of the node nothing but its SYNC is between its start and its first drive."""
     log = clocked_run()
     drive, start = places(log, DRIVE)[0], places(log, 0)[1]
@@ -734,7 +734,7 @@ def test_a_fault_that_the_log_lacks_is_not_judged() -> None:
     ]
 
 
-def test_missed_deadlines_are_what_the_node_has_counted() -> None:
+def test_replay_takes_missed_deadlines_from_the_node() -> None:
     log = foreign_sync_run()
     place = places(log, SDO_FROM)[-1]
     assert replayed(changed(log, place, 4, 7), lockstep=False, node=follower).unjudged == ()
