@@ -16,6 +16,7 @@ from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.traces import Trace
 from smarttac_can.canopen.master.errors import BenchError, BusLostError, HeartbeatLostError
 from smarttac_can.vocabulary.model import F0_SLOPE
+from smarttac_can.vocabulary.signals import null_window
 from smarttac_can.vocabulary.step_response import STEP_TICKS, step_response
 
 _TIMING_S: Final = 1.0
@@ -158,9 +159,9 @@ def _at_rest(stimulator: Stimulator) -> Iterator[Check]:
 
 
 def _gauges(stimulator: Stimulator, samples: npt.NDArray[np.float64]) -> Iterator[Check]:
-    window = stimulator.get("Gauge null.Window", "mN")
-    for gauge, values in zip(GAUGES, samples.T, strict=True):
-        null = stimulator.get(f"Gauge null.Null of S{gauge}", "mN")
+    nulls = [stimulator.get(f"Gauge null.Null of S{gauge}", "mN") for gauge in GAUGES]
+    window = null_window(stimulator.get("Gauge null.Window", "mN"), nulls)
+    for gauge, null, values in zip(GAUGES, nulls, samples.T, strict=True):
         mean = float(values.mean())
         yield Check(f"null.S{gauge}", mean, "mN", null - window, null + window)
         zero = stimulator.get(f"Gauge zero.Zero of S{gauge}", "mN")

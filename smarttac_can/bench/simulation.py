@@ -45,7 +45,7 @@ from smarttac_can.instrument.nodes.stimulator_node import StimulatorNode
 from smarttac_can.science.plant.finger import SAMPLE_RANGES, Finger, GuidedFinger, Trajectory
 from smarttac_can.vocabulary.meanings import RECORDED as RECORDED_FINGER
 from smarttac_can.vocabulary.meanings import SIMULATION
-from smarttac_can.vocabulary.signals import KNOWN_WINDOW_MN, SHORT_DEADLINE_MS, TICK_US
+from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS, TICK_US
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, watchdogs_in
 
 STIMULATOR_ID: Final = 32
@@ -73,12 +73,11 @@ def plate_od(node_id: int = PLATE_ID) -> ObjectDictionary:
 def know_nulls(od: ObjectDictionary, nulls: Iterable[float]) -> None:
     """Set the nulls of a plate, S1..S6 in N, as defaults; stored values and presets replace them.
 
-    The window becomes as narrow as after a calibration, so that a tare under a finger is refused.
+    The window is then as narrow as after a calibration, so that a tare under a finger is refused.
     """
-    values = {f"{NULL}.Null of S{n}": f"{null} N" for n, null in enumerate(nulls, 1)}
-    for name, text in (values | {f"{NULL}.Window": f"{KNOWN_WINDOW_MN} mN"}).items():
-        entry = od[name]
-        entry.default = entry.value = entry.counts(text)
+    for number, null in enumerate(nulls, 1):
+        entry = od[f"{NULL}.Null of S{number}"]
+        entry.default = entry.value = entry.counts(f"{null} N")
 
 
 def od_and_plate(recording: Finger | None = None) -> tuple[ObjectDictionary, PlateBlock]:

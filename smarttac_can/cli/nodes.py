@@ -566,8 +566,6 @@ def _finger_presets(od: ObjectDictionary, motion: int, subject: int, seed: int) 
         ("seed", "Simulation.Seed", seed),
     ):
         (presets if _given(option) else defaults)[name] = raw
-    if motion == STROKE:
-        defaults["Finger.Speed"] = od["Finger.Speed"].counts("20 mm/s")
     for name, raw in defaults.items():
         entry = od[name]
         entry.check(raw)

@@ -7,6 +7,7 @@ with its measurement.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Final, NamedTuple
 
 TICK: Final = 1e-3
@@ -87,6 +88,8 @@ TARE_SAMPLES = 64
 """Number of samples averaged by a tare: the zero has an eighth of the noise of a sample."""
 KNOWN_WINDOW_MN: Final = 60
 """Window in mN for nulls of a known plate: 41 mN of drift over 15 K by the data sheet, and more."""
+UNKNOWN_WINDOW_MN: Final = 1500
+"""Window in mN while no null is known: 1.2 N and a drift over 60 K by the data sheet, and more."""
 TICK_US: Final = round(TICK * 1e6)
 """Period of the loop in us."""
 SHORT_DEADLINE_MS: Final = 3
@@ -105,3 +108,16 @@ HARDWARE_RPDO: Final = 2
 """PDO in which the plate receives hardware that supervises its stage; not valid by default."""
 PLATE_RPDOS: Final = (DRIVE_RPDO, HARDWARE_RPDO)
 """All RPDOs of the plate."""
+
+
+def null_window(window: float, nulls: Iterable[float]) -> float:
+    """Return the window in mN within which a zero may be off its null.
+
+    Parameters
+    ----------
+    window
+        ``Gauge null.Window`` in mN; 0 for the one that suits the nulls.
+    nulls
+        ``Gauge null.Null of S1`` to ``S6``, in any unit; all 0 before a calibration.
+    """
+    return window or (KNOWN_WINDOW_MN if any(nulls) else UNKNOWN_WINDOW_MN)

@@ -260,7 +260,7 @@ def test_nothing_but_its_own_lines_reaches_the_terminal(multicast: dict[str, Any
     assert result.returncode == 1
     assert result.stderr == DOUBLED.replace("9", "33")
     assert [line.split()[0] for line in result.stdout.splitlines()] == ["node", "32", "33"]
-    assert result.stdout.splitlines()[2].endswith("534D5402  00010000  00000001  plate.eds")
+    assert result.stdout.splitlines()[2].endswith("534D5402  00010001  00000001  plate.eds")
 
 
 def test_nobody_there() -> None:

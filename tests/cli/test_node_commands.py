@@ -179,7 +179,7 @@ def test_stored_value_wins_over_option_default_not_over_option(
         return node, [node.od[name].value for name in NAMES]
 
     node, values = started()
-    assert values == [1, 200, 1, 1]
+    assert values == [1, 500, 1, 1]
     assert moves(node)
     for name, value in zip(NAMES, (0, 700, 3, 9), strict=True):
         node.od[name].value = value

@@ -17,7 +17,7 @@ from smarttac_can.science.control.texture import NO_TEXTURE, Texture, texture_of
 from smarttac_can.science.control.tribometer import Forces
 from smarttac_can.vocabulary.meanings import NOT_TARED, TARE, ZERO
 from smarttac_can.vocabulary.model import PlateModel
-from smarttac_can.vocabulary.signals import TARE_SAMPLES
+from smarttac_can.vocabulary.signals import TARE_SAMPLES, null_window
 from smarttac_can.vocabulary.states import LAWS, IdentificationState, Mode
 from smarttac_can.vocabulary.textures import TABLE_NAMES, TextureTable
 
@@ -401,12 +401,13 @@ class Taring:
             A zero is outside the window. One line names the gauge that is furthest off, its reading
             and the window.
         """
-        off = [zero - null.si_value for zero, null in zip(zeros, self._nulls, strict=True)]
+        nulls = [null.si_value for null in self._nulls]
+        allowed = null_window(self._window.value, nulls) * 1e-3
+        off = [zero - null for zero, null in zip(zeros, nulls, strict=True)]
         worst = max(range(len(off)), key=lambda at: abs(off[at]))
-        if abs(off[worst]) > self._window.si_value:
+        if abs(off[worst]) > allowed:
             reads, window, null = (
-                f"{newton * 1e3:.0f} mN"
-                for newton in (zeros[worst], self._window.si_value, self._nulls[worst].si_value)
+                f"{newton * 1e3:.0f} mN" for newton in (zeros[worst], allowed, nulls[worst])
             )
             raise ValueError(
                 f"{NOT_TARED}S{worst + 1} reads {reads}, more than {window} from its null of "

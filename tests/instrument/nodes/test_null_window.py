@@ -48,6 +48,18 @@ def test_null_window_is_around_each_null_and_includes_its_end(gauge: int, sign: 
     )
 
 
+@pytest.mark.parametrize(("window", "null", "allowed"), [(0, 0, 1500), (0, 1, 60), (77, 1, 77)])
+def test_a_window_of_0_follows_from_the_nulls(window: int, null: int, allowed: int) -> None:
+    od = stimulator_od()
+    od["Gauge null.Window"].value = window
+    od["Gauge null.Null of S6"].value = null
+    taring = StimulatorBlock(od, PlateBlock(plate_od()))._taring
+    inside = (allowed - 1) * 1e-3
+    taring.require_near_null((inside, 0, 0, 0, 0, 0))
+    with pytest.raises(ValueError, match=f"S1 reads .* more than {allowed} mN from its null"):
+        taring.require_near_null((inside + 0.002, 0, 0, 0, 0, 0))
+
+
 @pytest.mark.parametrize("link", ["local", "inside", "bus"])
 def test_a_simulation_knows_its_nulls_from_the_first_start(link: str) -> None:
     """So that whoever tares under a finger by mistake learns it before the hardware does."""
@@ -73,7 +85,7 @@ def test_a_simulation_knows_its_nulls_from_the_first_start(link: str) -> None:
 def test_stored_null_window_wins_over_that_of_the_plate_inside() -> None:
     memory = Memory()
     first = StimulatorNode(*od_and_plate(), storage=memory)
-    for node, window in ((first, 60), (StimulatorNode(*od_and_plate(), storage=memory), 77)):
+    for node, window in ((first, 0), (StimulatorNode(*od_and_plate(), storage=memory), 77)):
         node.start()
         assert node.od["Gauge null.Window"].value == window
         node.block.write("Gauge null.Window", 77)
@@ -85,7 +97,7 @@ def test_default_null_window_is_that_of_the_data_sheet() -> None:
     od = stimulator_od()
     of_the_eds = {entry.name: entry.default for entry in od if entry.index == 0x2047}
     assert of_the_eds.pop("Gauge null.Highest sub-index supported") == 7
-    assert list(of_the_eds.values()) == [1500, 0, 0, 0, 0, 0, 0]
+    assert list(of_the_eds.values()) == [0, 0, 0, 0, 0, 0, 0]
     with Stimulator.simulate("local", presets=of_the_eds) as bench:
         bench.tare()
         bench.set("Fault.Sensor", 4)
