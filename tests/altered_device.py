@@ -1,4 +1,4 @@
-"""A device that differs from a right one by its frames, and what the suite makes of it."""
+"""A device that differs from a right one by its frames, and the verdicts of the suite."""
 
 from collections.abc import Callable, Collection, Iterator
 

@@ -9,7 +9,7 @@ from smarttac_can.cli.evidence import main as evidence
 
 
 def run(*arguments: str | Path) -> Result:
-    """Return how it ends; one that ends in a traceback raises what it says."""
+    """Return how it ends; one that ends in a traceback raises its text."""
     group = evidence if arguments and arguments[0] in evidence.commands else main
     result = CliRunner().invoke(group, [str(argument) for argument in arguments])
     assert isinstance(result.exception, SystemExit | None), result.exception
@@ -17,7 +17,7 @@ def run(*arguments: str | Path) -> Result:
 
 
 def succeed(*arguments: str | Path) -> str:
-    """Return what it says on stdout."""
+    """Return its stdout."""
     result = run(*arguments)
     assert result.exit_code == 0, result.output
     return result.stdout

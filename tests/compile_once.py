@@ -12,7 +12,7 @@ from smarttac_can.studies.campaign.runner import prepare
 
 
 def compile_once() -> None:
-    """Compile the loop in this process, or load what another one has compiled.
+    """Compile the loop in this process, or load the result of another one.
 
     It is in a folder of this test run alone: numba does not see that a function changed which the
     loop calls.

@@ -1,4 +1,4 @@
-"""Options, buses, and a look for what any test leaves behind."""
+"""Options, buses, and a look for leaks of any test."""
 
 import gc
 import os
@@ -19,12 +19,12 @@ from read_once import read_once
 from smarttac_can.bench import simulation
 
 pytest.register_assert_rewrite("every_bus")
-# How long an example takes is up to the machine and to what else it does.
+# How long an example takes is up to the machine and its other jobs.
 settings.register_profile(
     "any pace", settings(), deadline=None, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.load_profile("any pace")
-# A shell ignores Ctrl-C in what it starts in the background, and so would all that is tested here.
+# A shell ignores Ctrl-C in its background jobs, and so would all that is tested here.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
@@ -41,7 +41,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Have the collector of garbage pass over what was imported: it lives as long as the run."""
+    """Have the collector of garbage pass over imported objects: they live as long as the run."""
     gc.collect()
     gc.freeze()
 

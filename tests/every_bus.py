@@ -1,4 +1,4 @@
-"""What holds on every bus: a module of tests gives its ``line`` and imports all of this."""
+"""Rules for every bus: a module of tests gives its ``line`` and imports all of this."""
 
 import struct
 import time
@@ -179,7 +179,7 @@ def test_stop_leaves_the_plate_at_zero(line: Line) -> None:
     assert line.receive() == Frame(OFF + 1, bytes(2))
 
 
-# From here on: what depends on a command and follows it at once, with nothing in between.
+# From here on: frames that depend on a command and follow it at once, with nothing in between.
 
 
 def nmt(command: NMTCommand) -> Frame:
@@ -191,7 +191,7 @@ COMMANDS: Final = {
     NMTState.STOPPED: NMTCommand.STOP,
     NMTState.PRE_OPERATIONAL: NMTCommand.ENTER_PRE_OPERATIONAL,
 }
-"""What enters an NMT state."""
+"""Commands to enter an NMT state."""
 
 
 def switched_on(line: Line, *, lockstep: bool) -> DeviceNode:
@@ -202,7 +202,7 @@ def switched_on(line: Line, *, lockstep: bool) -> DeviceNode:
 
 
 def value_after(line: Line, *before: Frame) -> int:
-    """What RPDO 1 has set, read right after some frames."""
+    """The value of RPDO 1, read right after some frames."""
     request = requests.upload(NODE_ID, VALUE)
     for frame in (*before, request):
         line.send(frame)

@@ -40,7 +40,7 @@ Node = PlateNode | StimulatorNode
 
 
 def until(holds: Callable[[], object], *, pause: float = 0.005) -> None:
-    """Look every so many s for what must come; the bound is a guard."""
+    """Look every so many s for an event; the bound is a guard."""
     guard = time.monotonic() + GUARD_S
     while not holds():
         assert time.monotonic() < guard, "it did not come"

@@ -1,4 +1,4 @@
-"""What is made with a number at each of its bounds, as the message that refuses it states them."""
+"""Objects made with a number at each of its bounds, as the message of its refusal states them."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -10,7 +10,7 @@ Made = TypeVar("Made")
 
 
 def made_at_bounds(name: str, make: Callable[[float], Made]) -> Iterator[Made]:
-    """Give what is made with a number just within each bound; one just beyond it is refused."""
+    """Give the objects of a number just within each bound; one just beyond it is refused."""
     with pytest.raises(ValueError, match=rf"^{name} nan is outside ") as refusal:
         make(math.nan)
     low, high = map(float, str(refusal.value).rsplit(" ", 1)[1].split(".."))

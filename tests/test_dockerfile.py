@@ -1,4 +1,4 @@
-"""What the Dockerfile names exists: there is no Docker where the tests run, so it is not built.
+"""Files named in the Dockerfile exist: there is no Docker where the tests run, so it is not built.
 
 Its files are those that pyproject.toml builds the package of, its extras are extras, its entry
 point is a command, and that takes the arguments.

@@ -1,4 +1,4 @@
-"""What ``docs/explanation/architecture.md`` shows is what there is."""
+"""``docs/explanation/architecture.md`` shows the present code."""
 
 import importlib
 import inspect

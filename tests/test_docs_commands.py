@@ -1,4 +1,4 @@
-"""The page of the commands names what the commands themselves name."""
+"""The page of the commands has the names of the commands themselves."""
 
 import re
 from pathlib import Path

@@ -36,7 +36,7 @@ def test_records_of_decisions_stand_in_numeric_order() -> None:
 
 
 def test_extras_are_installed_by_name_but_for_the_first_time() -> None:
-    """``".[record]"`` is for who stands in a clone, which the tutorial alone explains."""
+    """``".[record]"`` is for a reader in a clone, which the tutorial alone explains."""
     pages = [
         page for page in PAGES if re.search(r"install .?\.\[", (DOCS / page).read_text("utf-8"))
     ]

@@ -38,7 +38,7 @@ LONGEST_WAIT = 200
 """Cycles until a frame of the page has to come."""
 ALONE = [page for page in PAGES if page != MASTER]
 SCRIPT = r"\$ python (?:friction|experiment)\.py"
-"""Scripts that need no node, so that what they print is the same each time."""
+"""Scripts that need no node, so that their output is the same each time."""
 CSV = re.compile(r"^```\n(# format: .*?)```", re.DOTALL | re.MULTILINE)
 """Lines of the file that the last script of a page has written."""
 WITHOUT_END = "run_node(node, PythonCanBus("
@@ -181,7 +181,7 @@ def master_page(
 
 
 def near(printed: str) -> str:
-    """Take the hundredths of a degree from what is printed: the plate warms, and has noise."""
+    """Take the hundredths of a degree from the output: the plate warms, and has noise."""
     return re.sub(r"(temperature .*) \d{4}\n", r"\1\n", printed)
 
 

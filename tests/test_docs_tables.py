@@ -1,4 +1,4 @@
-"""Tables of the guides beside what the code does."""
+"""Tables of the guides beside the code."""
 
 import inspect
 import re

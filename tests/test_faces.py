@@ -1,4 +1,4 @@
-"""Packages have faces: what they name can be had, costs nothing before, and guides use them."""
+"""Packages have faces: their names can be imported, cost nothing before, and guides use them."""
 
 import importlib
 import pkgutil
@@ -92,7 +92,7 @@ def test_face_with_bus_modules_loads_nothing_of_its_package(face: str) -> None:
     ("statements", "unwanted"),
     [
         (f"import {', '.join(FACES)}", HEAVY),
-        # What is pure, or reads logs, has no bus.
+        # Pure modules and readers of logs have no bus.
         (
             imports(*PURE, "instrument.replay", "canopen.conformance"),
             {"can", "canopen", *HEAVY},

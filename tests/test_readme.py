@@ -37,7 +37,7 @@ def test_the_test_for_ci_passes(stimulator):
 
 
 class Addresses(HTMLParser):
-    """What a page leads to, or fetches."""
+    """Targets of the links of a page, or of its images."""
 
     def __init__(self, text):
         super().__init__()

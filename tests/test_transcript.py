@@ -1,4 +1,4 @@
-"""The language of the transcripts: what is not written must not be sent."""
+"""The language of the transcripts: an unwritten frame must not be sent."""
 
 import pytest
 from transcript import frame, microseconds, play, show, written

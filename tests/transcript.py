@@ -6,11 +6,11 @@
 ``! 2``                 the application triggers a TPDO
 ``? 3``                 the bus takes up to three segments
 ``5x > 080``            any of these five times
-``< 720 05``            this is sent, in this order, because of what stands above
+``< 720 05``            this is sent, in this order, because of the lines above
 ``< 720 00 ..``         the same with any data from there on
 ``# ...``               a remark, also at the end of a line
 
-What is not written must not be sent: `play` asserts it. `written` writes what is sent instead.
+An unwritten frame must not be sent: `play` asserts it. `written` writes the frames sent instead.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from collections.abc import Callable, Iterable
 from smarttac_can.canopen.device.frame import Frame
 
 Act = Callable[[str, str], list[Frame]]
-"""What is sent because of an event: its sign, and what stands behind the sign."""
+"""Frames sent because of an event: its sign, and the text behind the sign."""
 
 _EVENT = re.compile(r"(?:(\d+)x )?(power|[>+!?])(?: +(.+))?")
 _TIME = re.compile(r"(\d+)(us|ms)")
 
 
 def play(act: Act, text: str) -> None:
-    """Let the events of a transcript happen; what is sent must be what it says."""
+    """Let the events of a transcript happen; the frames sent must be its own."""
     sent: list[Frame] = []
     since = "the beginning"
     for number, raw in enumerate(text.splitlines(), 1):
@@ -47,9 +47,9 @@ def play(act: Act, text: str) -> None:
 
 
 def written(act: Act, text: str, sent: Iterable[Frame] = ()) -> str:
-    """Let the events of a transcript happen, and return it with what is sent now.
+    """Let the events of a transcript happen, and return it with the frames sent now.
 
-    What was ``sent`` already stands above the first event.
+    Frames ``sent`` already stand above the first event.
     """
     lines = [f"< {show(each)}" for each in sent]
     for raw in text.splitlines():

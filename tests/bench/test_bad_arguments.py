@@ -1,4 +1,4 @@
-"""What makes no sense is refused in one line that says so, and changes nothing."""
+"""A wrong argument is refused in one line that says so, and changes nothing."""
 
 import copy
 import pickle
@@ -102,7 +102,7 @@ SENSELESS: list[tuple[Act, str]] = [
     (puts("mode", "fast"), "mode 'fast' is none of off, open_loop, amplitude"),
     (puts("law", None), "law None is none of measured, accumulate, nominal, predictive"),
     (puts("vibration_law", "lqr"), "^vibration law 'lqr' is none of pi, scheduled, pred"),
-    # What would be rounded to nothing.
+    # Values that would be rounded to nothing.
     (puts("voltage", "80 nV"), "^voltage 80 nV would become 0: it goes in steps of 10 mV"),
     (writes("Setpoint.Voltage", 4), "^Setpoint.Voltage 4 mV would become 0: it goes in steps of"),
     (puts("cof", (0.3, 1e-6)), r"^cof right 1e-06 is below 0\.05, its"),
@@ -136,7 +136,7 @@ SENSELESS: list[tuple[Act, str]] = [
         "^drive_instant '1 V' is no number with a unit like us$",
     ),
 ]
-"""What a script gets a ValueError for."""
+"""Calls for which a script gets a ValueError."""
 UNKNOWN: list[tuple[Act, str]] = [
     (lambda bench: bench.get("Setpoint.Amp"), r"no object 'Setpoint.Amp', perhaps Setpoint.Ampl"),
     (writes("Nonsense", 1), r"there is no object 'Nonsense'$"),
@@ -157,7 +157,7 @@ REFUSED: list[tuple[Act, str]] = [
     ),
     (raw("Setpoint.Voltage", -1), "^Setpoint.Voltage -10 mV is below 0 mV: give 0 to 200000 mV"),
     (raw("Mode", 9), r"^Mode 9 is above 6: give 0 to 6 \(abort 06090031: value written too high"),
-    # In the unit and the words of who gave it.
+    # In the unit and the words of the caller.
     (puts("voltage", 250), r"^voltage 250 V is above 200 V: give 0 to 200 V \(Setpoint.Voltage: a"),
     (puts("voltage", "0.25 kV"), "^voltage 0.25 kV is above 0.2 kV: give 0 to 0.2 kV "),
     (puts("boundary", "10 cm"), "^boundary 10 cm is above 3.8 cm: give -3.8 to 3.8 cm "),
@@ -188,11 +188,11 @@ REFUSED: list[tuple[Act, str]] = [
         r"Weight\.Position: abort 06090031",
     ),
 ]
-"""What the device refuses."""
+"""Values that the device refuses."""
 
 
 def settings(bench: Stimulator) -> dict[str, float]:
-    """What a refusal may not change, and the tick, which tells whether something has run."""
+    """Values that a refusal may not change, and the tick, which tells whether something has run."""
     groups = ("Setpoint", "Limit", "Finger", "Simulation", "Weight")
     names = [
         entry.name

@@ -1,4 +1,4 @@
-"""A calibration finds what the weighings were made with, and says what it cannot explain."""
+"""A calibration finds the parameters of the weighings, and reports residuals."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -31,7 +31,7 @@ PLAN = [Placing(m, a, z, 0.0) for m, a, z in TILTS] + [Placing(*row) for row in 
 
 
 def weighing(placing: Placing, noise: np.random.Generator | None = None) -> Weighing:
-    """What gauges with this cross-talk at these nodes would show, with nulls of 0.5 N and so on."""
+    """Readings of gauges with this cross-talk at these nodes, with nulls of 0.5 N and so on."""
     fx, fy, fn = placing.load(G)
     left, right = np.linalg.solve([[1.0, 1.0], [NODES_MM[0], NODES_MM[1]]], [fn, fn * placing.x_mm])
     added = np.array([*(CROSSTALK @ (fx, fy)), left / 2, right / 2, left / 2, right / 2])

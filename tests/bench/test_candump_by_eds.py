@@ -1,4 +1,4 @@
-"""The log of a run says the same as its traces, to who has the log and the EDS and nothing else.
+"""The log of a run says the same as its traces, to a reader with the log and the EDS alone.
 
 The EDS is read by python-canopen, the log by splitting its lines: no code of the client.
 """

@@ -98,7 +98,7 @@ def test_lockstep_with_a_node_in_real_time_is_named(virtual: dict[str, Any], ins
             "node 32 runs in real time: connect without lockstep=True, or start all nodes with "
             "--lockstep"
         )
-        # Whether it has tared itself by now decides what is asked first.
+        # Whether it has tared itself by now decides on its first request.
         unready = f"^(the stimulator is not ready: )?{cure}"
         with pytest.raises((NotReadyError, NotRunningError), match=unready):
             bench.mode = "amplitude"

@@ -1,4 +1,4 @@
-"""What a script loads that imports the bench."""
+"""The modules that a script loads by importing the bench."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""Ctrl-C, or a node that is lost, ends a run: 0 V, and what was recorded is kept."""
+"""Ctrl-C, or a node that is lost, ends a run: 0 V, and its rows are kept."""
 
 import os
 import signal

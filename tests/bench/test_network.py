@@ -1,4 +1,4 @@
-"""What a network knows of its bus, however python-can was told, and what it passes over."""
+"""A network knows its bus by any configuration of python-can, and ignores other frames."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from smarttac_can.bench.network import TappedNetwork
 
 
 def echoes(**options: Any) -> tuple[bool, bool]:
-    """What the network says of itself, and what python-can has made of the bus."""
+    """The text of the network, and the bus as python-can has opened it."""
     network = TappedNetwork()
     network.NOTIFIER_CYCLE = 0.01  # for which disconnecting waits
     network.connect(interface="virtual", channel="echoes", **options)

@@ -136,7 +136,7 @@ def test_picture_turned_by_its_exif_is_read_as_shown(form: str, tmp_path: Path) 
     exif[274] = 6
     path = tmp_path / f"turned.{form.lower()}"
     Image.fromarray(pixels).save(path, form, exif=exif)
-    # A quarter turn to the right: what is left comes to the top.
+    # A quarter turn to the right: the left side comes to the top.
     assert read_row(path, 5) == pytest.approx(np.ones(24), abs=0.02)
     assert read_row(path, 35) == pytest.approx(np.zeros(24), abs=0.02)
 

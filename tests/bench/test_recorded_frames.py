@@ -77,7 +77,7 @@ def test_each_lost_frame_is_a_gap_of_its_cycle(clocked: bool) -> None:
         piece = [f for sent in frames[begin : begin + 250] for f in sent]
         got += take(reading, piece, last=begin == 1750)
     named = {t for gap in reading.gaps for t in range(gap.first_tick, gap.last_tick + 1)}
-    # What is beside a loss may be of two cycles.
+    # A row beside a loss may be of two cycles.
     assert lost <= named <= {tick + by for tick in lost for by in (-1, 0, 1)}
     assert got == [tick for tick in range(2000) if tick not in named]
 

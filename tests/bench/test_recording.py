@@ -1,4 +1,4 @@
-"""A recording holds every cycle and what was set, over every link, and survives what ends it."""
+"""A recording holds every cycle and setting, over every link, and survives any end."""
 
 import errno
 import json
@@ -285,7 +285,7 @@ def test_a_full_disk_is_told_at_the_end(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_in_real_time_beside_scripts_that_run(virtual: dict[str, Any], tmp_path: Path) -> None:
-    """Other scripts run beside it and drive; what is lost all the same is named."""
+    """Other scripts run beside it and drive; each loss is named."""
     node = stimulator_with_plate(lockstep=False)
     with in_threads(virtual, node, lockstep=False):
         with (
@@ -386,7 +386,7 @@ def test_refused_values_are_no_changes(tmp_path: Path) -> None:
 
 
 def test_a_copy_of_the_log_at_any_moment_is_a_recording(tmp_path: Path) -> None:
-    """What a killed process leaves is what stands in the file: all but the last quarter second."""
+    """A killed process leaves all but the last quarter second in the file."""
     with Stimulator.simulate("local") as bench, bench.record(tmp_path / "run.h5") as recording:
         bench.run(0.5)
         size = recording.log_path.stat().st_size

@@ -385,7 +385,7 @@ def test_a_file_that_appears_during_the_work_stays(
 
 
 def test_recording_on_a_full_disk_is_read_back_to_the_error(tmp_path: Path) -> None:
-    """HDF5 takes what it reads for its own tables, and crashes on what is none."""
+    """HDF5 takes any bytes for its own tables, and crashes on others."""
     with recording_file._Disk(tmp_path / "x", tmp_path / "y", tmp_path / "z") as disk:
         disk.write(b"abcdefgh")
         disk._error = OSError(errno.ENOSPC, "No space left on device")

@@ -35,7 +35,7 @@ SET_POINTS: list[tuple[str, Any, Any, str, float]] = [
     ("amplitude", f"0.5 {GREEK_UM}", 0.5, "Setpoint.Amplitude", 500),
     ("boundary", -3.21, -3.21, "Setpoint.Boundary", -3210),
     ("boundary", "0.01 m", 10.0, "Setpoint.Boundary", 10_000),
-    # What floats leave of a zero.
+    # Rounding of a zero.
     ("boundary", float(np.arange(-38.0, 38.0, 0.01)[3800]), 0.0, "Setpoint.Boundary", 0),
     ("cof", 0.35, (0.35, 0.35), "Setpoint.COF right", 0.35),
     ("cof", (0.2, 0.5), (0.2, 0.5), "Setpoint.COF right", 0.5),
@@ -51,7 +51,7 @@ SET_POINTS: list[tuple[str, Any, Any, str, float]] = [
     ("mode", "amplitude+resonance", Mode.AMPLITUDE_RESONANCE, "Mode", 3),
     ("mode", "off", Mode.OFF, "Mode", 0),
 ]
-"""Property, what is assigned, what is read, and what its object holds."""
+"""Property, assigned value, value read, and value of its object."""
 
 
 def test_set_points(bench: Stimulator) -> None:
@@ -208,7 +208,7 @@ def test_a_bench_that_is_closed_refuses_whatever_is_asked(link: LinkName) -> Non
 
 
 def test_each_public_attribute_has_a_docstring() -> None:
-    """The Python reference leaves out what has only the docstring of its type."""
+    """The Python reference omits names with only the docstring of their type."""
     public = {name: value for name, value in vars(Stimulator).items() if not name.startswith("_")}
     assert {"cof", "law", "run", "texture", "voltage"} <= set(public)
     for name, value in public.items():

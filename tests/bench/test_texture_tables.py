@@ -1,4 +1,4 @@
-"""A table of 4096 values holds means: what is too fine is averaged away, and said."""
+"""A table of 4096 values holds means: finer detail is averaged away, and reported."""
 
 import re
 from pathlib import Path

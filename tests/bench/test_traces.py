@@ -1,4 +1,4 @@
-"""A trace for who looks at it: tables with units in their names, and pictures in a notebook."""
+"""A trace for a person: tables with units in their names, and pictures in a notebook."""
 
 import importlib
 import sys

@@ -9,7 +9,7 @@ from smarttac_can.bench import BenchError, BusyError, State, Stimulator
 
 
 def in_another_thread(act: Any) -> BenchError | None:
-    """Return what an act raised in a thread of its own."""
+    """Return the error that an act raised in a thread of its own."""
     raised: list[BenchError] = []
 
     def work() -> None:

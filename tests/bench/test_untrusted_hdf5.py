@@ -1,4 +1,4 @@
-"""Files that are not what they say: `read_recording` refuses each in one line.
+"""Files under false names: `read_recording` refuses each in one line.
 
 Each of them is a sound recording in which one thing was replaced.
 """

@@ -90,7 +90,7 @@ def test_vibration_law_change_while_running_raises_no_fault(bench: Stimulator) -
         bench.vibration_law = law
         assert bench.vibration_law is law
         trace = bench.run(0.1)
-        # A finger slides: what is left is what it does.
+        # A finger slides: the rest is its effect.
         assert abs(trace.amplitude_um - 1.0).max() < 0.03
     assert bench.state is State.RUNNING
 

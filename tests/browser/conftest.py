@@ -49,7 +49,7 @@ def pytest_ignore_collect(config: pytest.Config) -> bool | None:
 
 
 MEASURED: list[str] = []
-"""What tests have measured, a line each, for the end of the output."""
+"""Measurements of tests, a line each, for the end of the output."""
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
@@ -91,7 +91,7 @@ class Tab:
         field.send_keys(f"{value}\n")
 
     def values(self) -> dict[str, float]:
-        """Return what the page has been told last."""
+        """Return the last update of the page."""
         values: dict[str, float] = self.driver.execute_script("return update?.values ?? {}")
         return values
 

@@ -1,4 +1,4 @@
-"""A person at the panel: a real browser, a real mouse, the space bar, and what a laptop does."""
+"""A person at the panel: a real browser, a real mouse, the space bar, and a laptop that sleeps."""
 
 from __future__ import annotations
 
@@ -357,7 +357,7 @@ def test_an_update_that_comes_late_is_no_news(browser: Tab) -> None:
 
 
 def test_a_stop_that_is_not_obeyed_is_not_confirmed(browser: Tab) -> None:
-    """The panel goes on to say what there is: the plate runs."""
+    """The panel goes on to show the state: the plate runs."""
     bench = SimulatedBench()
     with served(bench) as url:
         browser.open(url)

@@ -235,7 +235,7 @@ def test_a_lost_master_is_named_with_the_cure(
     assert smarttac(virtual, "reset").exit_code == 0
 
 
-# ``smarttac watch`` as a command: in a terminal of its own, and what it refuses.
+# ``smarttac watch`` as a command: in a terminal of its own, and its refusals.
 
 
 class Terminal:
@@ -256,7 +256,7 @@ class Terminal:
         self.seen = ""
 
     def read(self) -> bool:
-        """Take what has come; False if nothing comes any more."""
+        """Take the new output; False at its end."""
         if not select.select([self._end], [], [], 0.1)[0]:
             return True
         try:
@@ -412,7 +412,7 @@ PLAN = """mass_g,angle_deg,azimuth_deg,x_mm
 
 
 class Laboratory:
-    """A simulated bench whose person does what is asked."""
+    """A simulated bench whose person follows each request."""
 
     def __init__(self, bench: Stimulator, plan: list[Placing]) -> None:
         self.bench = bench

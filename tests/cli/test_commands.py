@@ -1,4 +1,4 @@
-"""Every command by click's runner: help, results, files, and one line for what is wrong."""
+"""Every command by click's runner: help, results, files, and one line for an error."""
 
 import json
 import re
@@ -85,7 +85,7 @@ main(["demo"])
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory: pytest.TempPathFactory) -> Demo:
-    """Folder in which a process has run ``demo``, and what it says."""
+    """Folder in which a process has run ``demo``, and its output."""
     place = tmp_path_factory.mktemp("demo")
     command = [sys.executable, "-c", DEMO]
     done = subprocess.run(command, cwd=place, capture_output=True, text=True, check=False)
@@ -100,7 +100,7 @@ def everything(demo: Demo) -> Path:
 
 
 def test_the_demo_takes_less_than_500_mb(demo: Demo) -> None:
-    """By what it says itself: the system counts what it forked from, too."""
+    """By its own figure: the system counts its parent, too."""
     assert int((demo[0] / "size").read_text()) * 1024 < 500e6
 
 

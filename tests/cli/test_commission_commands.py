@@ -25,7 +25,7 @@ from smarttac_can.canopen.od.cia import DataType
 from smarttac_can.canopen.od.eds import load_eds
 from smarttac_can.instrument.nodes.device_node import DeviceNode
 
-# ``smarttac eds``: results on stdout or in a file, and one line for what is wrong.
+# ``smarttac eds``: results on stdout or in a file, and one line for an error.
 
 
 ROOT = Path(__file__).parents[2]

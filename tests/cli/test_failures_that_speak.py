@@ -1,4 +1,4 @@
-"""What hinders is said when it is noticed, with its true reason and what helps."""
+"""A hindrance is reported when it is noticed, with its true reason and its cure."""
 
 import ast
 import errno
@@ -185,7 +185,7 @@ def test_a_shell_is_not_told_to_call_python(
 
 _PYTHON: Final = re.compile(r"[a-z]\(\)|=True|^\.trace")
 _OF_SCRIPTS: Final = ("the loop of this stimulator runs already, in another thread",)
-"""What can only befall a script, as it takes threads."""
+"""Failures of a script alone, as they take threads."""
 
 
 def texts_of(path: Path) -> Iterator[str]:

@@ -17,7 +17,7 @@ from smarttac_can.host.files import read_eds
 VIRTUAL = ("--interface", "virtual", "--channel", "hostile")
 MIB = 1 << 20
 SLACK = MIB // 4
-"""Bytes that are read besides the hostile file: our own EDS files, and what the system tells."""
+"""Bytes that are read besides the hostile file: our own EDS files, and those of the system."""
 IN_FORKS = """
 import json, os, resource, sys, tempfile, time
 import click
@@ -226,7 +226,7 @@ def test_largest_files_take_3_times_an_ordinary_one_and_300_mib(tmp_path: Path) 
         return [each for each, of_it, ordinary in pairs if of_it.seconds >= 3 * ordinary.seconds]
 
     left = LARGE
-    # What else the machine does may slow one of the two down, but not in each of three tries.
+    # Other jobs of the machine may slow one of the two down, but not in each of three tries.
     for _ in range(3):
         left = left and slow(left)
     assert not left

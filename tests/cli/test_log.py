@@ -1,4 +1,4 @@
-"""``smarttac log`` says in words what frames mean."""
+"""``smarttac log`` shows the meaning of frames in words."""
 
 import signal
 import subprocess

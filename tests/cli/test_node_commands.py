@@ -1,4 +1,4 @@
-"""Commands that run a node: what they refuse and say, their pace, what is stored, and a finger."""
+"""Commands that run a node: refusals, lines, pace, stored values, and a finger."""
 
 from pathlib import Path
 
@@ -23,7 +23,7 @@ from smarttac_can.instrument.nodes.stimulator_node import StimulatorNode
 from smarttac_can.science.plant.finger import Stroke
 from smarttac_can.vocabulary.states import State
 
-# What ``smarttac node`` and ``smarttac plate`` refuse: one line on stderr and no traceback.
+# Refusals of ``smarttac node`` and ``smarttac plate``: one line on stderr and no traceback.
 
 
 VIRTUAL = ("--interface", "virtual", "--channel", "refusals")
@@ -118,7 +118,7 @@ def test_an_eds_beyond_the_hard_caps(
     text = read_eds("plate.eds" if command == "plate" else "stimulator.eds")
     assert old in text
     path.write_text(text.replace(old, new))
-    # Above it may stand what is odd in the file.
+    # Above it may stand warnings of the file.
     said = run(*command.split(), *VIRTUAL, "--eds", path).stderr.splitlines()[-1]
     assert said.startswith(f"Error: {path} does not suit the device: ")
     assert message in said
@@ -146,7 +146,7 @@ def test_an_eds_whose_defaults_contradict_each_other(tmp_path: Path) -> None:
     assert "06090030" in refusal("node", *VIRTUAL, "--eds", path)
 
 
-# What was stored by 1010h, and the options of the finger at the next start.
+# Values stored by 1010h, and the options of the finger at the next start.
 
 
 NAMES = ("Finger.Motion", "Finger.Speed", "Simulation.Subject", "Simulation.Seed")
@@ -297,7 +297,7 @@ def test_a_file_with_another_header_is_no_finger(tmp_path: Path) -> None:
     assert line == f"{path}: line 1: the header is not t_s,x_mm,Fn_N"
 
 
-# The pace of a node's process: options that are refused, and what follows from a refusal.
+# The pace of a node's process: options that are refused, and the effect of a refusal.
 
 
 CURES = ["real time: one thing is refused", "real time: another is refused"]
@@ -363,7 +363,7 @@ def test_bus_name_in_messages_has_interface_and_channel(
     assert BusChoice(interface, channel, None, {}).where == where
 
 
-# What a node says of its states, in this process.
+# State lines of a node, in this process.
 
 
 class Spoken:
@@ -416,7 +416,7 @@ def test_a_bit_rate_by_lss_is_left_to_whoever_runs_the_bus() -> None:
 
 
 def test_a_full_queue_is_a_line() -> None:
-    """What it does is tested in ``tests/host/test_outbox.py``, and by a row of the fault matrix."""
+    """Its effect is tested in ``tests/host/test_outbox.py``, and by a row of the fault matrix."""
     said: list[str] = []
     node = PlateNode(plate_od())
     StateLines("plate", "here", node, said.append).full(QueueFullError("queue full"))

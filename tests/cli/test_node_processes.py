@@ -90,7 +90,7 @@ AT_0_V = {
     "bench.quick_stop()": State.NOT_READY,
     "bench.mode = 'off'; bench.arm()": State.FAULT,
 }
-"""What a bench does before it is killed, and the state of its stimulator then."""
+"""Acts of a bench before it is killed, and the state of its stimulator then."""
 
 
 def test_a_bench_killed_at_0_v_locks_nobody_out(multicast: dict[str, Any]) -> None:

@@ -1,6 +1,6 @@
-"""``smarttac node`` and ``plate`` in real time: what stops, floods or ignores them.
+"""``smarttac node`` and ``plate`` in real time: stopped, flooded or ignored.
 
-Nothing here says how fast: what is asserted is order and state. A busy machine may hold an ordinary
+Nothing here says how fast: order and state are asserted. A busy machine may hold an ordinary
 process up for longer than the loop's deadline of 20 ms, so it is 100 ms where the loop has to run.
 """
 
@@ -74,7 +74,7 @@ def connected(bus: dict[str, Any]) -> Iterator[Stimulator]:
 
 @contextmanager
 def loop(bus: dict[str, Any]) -> Iterator[tuple[list[Any], StageWatch]]:
-    """Plate and stimulator, with deadlines that a busy machine keeps, and who watches them."""
+    """Plate and stimulator, with deadlines that a busy machine keeps, and their watcher."""
     with processes(bus, *NODES) as nodes, StageWatch(**bus) as watch:
         watch.set_deadlines(DEADLINE_MS)
         yield nodes, watch
@@ -149,7 +149,7 @@ def test_a_plate_whose_stdout_nobody_reads_goes_on_and_ends(multicast: dict[str,
 
 
 class Controller:
-    """A stimulator that says what it is told to say, and SYNC."""
+    """A stimulator that sends given frames, and SYNC."""
 
     def __init__(self, watch: StageWatch) -> None:
         self.watch = watch
@@ -238,7 +238,7 @@ with socket.socket(type=socket.SOCK_DGRAM) as sender:
     while True:
         sender.sendto(packed, (channel, int(port)))
 """
-"""Reads of 1000h: what is answered keeps the node busy for longer than it takes to send it."""
+"""Reads of 1000h: their answers keep the node busy for longer than it takes to send it."""
 
 
 @contextmanager
@@ -300,7 +300,7 @@ while True:
         bench.run(0.02)
     assert bench.state
 """
-"""Who drives judges a fault."""
+"""The commander judges a fault."""
 
 
 def test_run_goes_on_when_a_reading_bench_is_killed(

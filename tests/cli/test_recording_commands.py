@@ -38,7 +38,7 @@ from smarttac_can.host.frame_log import RECORD, FrameLog, FrameLogReader
 from smarttac_can.host.log_file import CandumpWriter, read_log
 from smarttac_can.host.python_can import to_message
 
-# ``smarttac record``: a file of what others do, by Ctrl-C, by time, and after a kill.
+# ``smarttac record``: a file of others' runs, by Ctrl-C, by time, and after a kill.
 
 
 @contextmanager
@@ -103,7 +103,7 @@ def test_ctrl_c_ends_a_recording_with_its_file(multicast: dict[str, Any], tmp_pa
     assert not log.exists()
     frames = [message.arbitration_id for message in can.LogReader(raw)]
     assert frames.count(0x4A0) >= result["rows"]
-    # What the recorder itself sent, and what others and the node said.
+    # Frames of the recorder itself, of others and of the node.
     assert {0x620, 0x5A0, 0x1A0} <= set(frames)
 
 
@@ -214,7 +214,7 @@ def test_one_is_one_and_not_many() -> None:
     ]
 
 
-# ``smarttac replay``: a log in any format, its first difference, and what is no such log.
+# ``smarttac replay``: a log in any format, its first difference, and other files.
 
 
 Log = list[tuple[int, Frame]]
@@ -443,7 +443,7 @@ def test_the_stored_parameters_stay_as_they_are(run: Log, tmp_path: Path) -> Non
 def test_a_long_log_takes_no_more_memory(tmp_path: Path) -> None:
     logs = [write(amplitude_run(seconds), tmp_path / f"{seconds}.log") for seconds in (0.1, 0.4)]
     size = []
-    # What is imported and kept the first time is not the log's.
+    # Modules imported the first time are not the log's.
     for log in (logs[0], *logs):
         gc.collect()
         tracemalloc.start()
@@ -549,7 +549,7 @@ def test_replay_recomputes_a_recording_in_real_time(
 
 
 def record_process(multicast: dict[str, Any], raw: Path, told: tuple[str, ...]) -> None:
-    """Have a process record what a script does with both nodes, at rest."""
+    """Have a process record a script with both nodes, at rest."""
     rows = raw.with_suffix(".h5")
     command = [sys.executable, "-W", "error", "-m", "smarttac_can", "record", "--plate-node", "33"]
     command += ["--raw", str(raw), "--timeout", "5", *multicast_options(multicast)]

@@ -71,7 +71,7 @@ def test_python_can_example_names_a_missing_cantools(
 
 @pytest.fixture(scope="module")
 def configured(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder with what the commands of the page make of the bus configuration."""
+    """Folder with the bus configuration by the commands of the page."""
     page = (ROOT / "docs" / "how-to" / "integrate-with-a-master.md").read_text()
     console = page.partition("## With lely core or ROS 2")[2].split("```")[1]
     commands = [line[2:] for line in console.splitlines() if line.startswith("$ ")]

@@ -1,4 +1,4 @@
-"""Each script of the gallery runs, says what its page shows, and draws its figure."""
+"""Each script of the gallery runs, prints the text of its page, and draws its figure."""
 
 import os
 import re

@@ -76,7 +76,7 @@ def wait_for_the_log(path: Path) -> None:
 
 
 def stored(folder: Path) -> None:
-    """Write what a stimulator stores by 1010h, and its faults."""
+    """Write the parameters that a stimulator stores by 1010h, and its faults."""
     memory = Memory()
     node = StimulatorNode(stimulator_od(), plate_node_id=33, lockstep=True, storage=memory)
     node.start()

@@ -1,6 +1,6 @@
-"""What former versions wrote is read: a folder a version, by the hash of its commit.
+"""Files of former versions are read: a folder a version, by the hash of its commit.
 
-A file here is never made again. Who changes a format has to read the former one as well.
+A file here is never made again. A change of a format has to read the former one as well.
 """
 
 import json
@@ -46,7 +46,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def check(recording: RecordedData) -> None:
-    """Check what is in the recording, whichever format has kept it."""
+    """Check the recording, in either format."""
     assert recording.tick.tolist() == list(range(164, 164 + ROWS))
     assert set(recording.run.tolist()) == {0}
     assert recording.units["amplitude_um"] == "um"
@@ -81,7 +81,7 @@ def test_the_log_of_a_recording_that_was_killed(files: Path, tmp_path: Path) -> 
     assert (summary.rows, summary.textures) == (ROWS, 2)
     recording = read_recording(tmp_path / "run.h5")
     check(recording)
-    # What the texture was is in the frames of the log, though no version could show it then.
+    # The texture is in the frames of the log, though no version could show it then.
     assert [(one.slot, one.tick, one.texture) for one in recording.textures] == [
         (1, 243, GRATING),
         (2, 243, RAMP),
@@ -107,7 +107,7 @@ def test_a_recording_with_a_wrong_bit(files: Path, tmp_path: Path, at: int) -> N
 
 
 def test_a_recording_is_found_as_it_was_described(files: Path) -> None:
-    """Scripts for format 1 of others go on: the file itself is what it was."""
+    """Scripts for format 1 of others go on: the file itself is unchanged."""
     with h5py.File(files / "recording.h5") as file:
         assert file.attrs["format"] == "SMARTTAC recording 1"
         assert file["channels/Vibration.Amplitude"].attrs["units"] == "nm"
@@ -154,7 +154,7 @@ def test_a_raw_log_is_replayed(files: Path, tmp_path: Path) -> None:
 
 
 def test_an_eds_of_then_is_no_device_of_today(files: Path) -> None:
-    """It lacks objects that came later; which, and what to do, is said in one line."""
+    """It lacks objects that came later; which, and the cure, is said in one line."""
     eds = files / "stimulator.eds"
     succeed("eds", "check", eds)
     said = refusal("replay", files / "raw.log", "--eds", eds)

@@ -1,4 +1,4 @@
-"""A look for what the tests of buses leave behind."""
+"""A look for leaks of the tests of buses."""
 
 from collections.abc import Iterator
 

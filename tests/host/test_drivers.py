@@ -1,4 +1,4 @@
-"""What is missing is named with its cure, and nothing is when it is there."""
+"""A missing driver is named with its cure, and an installed one is not."""
 
 import errno
 from importlib import util

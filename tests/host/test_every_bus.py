@@ -1,4 +1,4 @@
-"""What holds on every bus, on the ones that need no kernel's CAN."""
+"""Rules for every bus, on the ones that need no kernel's CAN."""
 
 from collections.abc import Callable, Iterator
 from typing import Any

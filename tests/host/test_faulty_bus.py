@@ -1,4 +1,4 @@
-"""Each frame_fault does what it says, to the frames it says, and the same with the same seed."""
+"""Each frame_fault acts as named, on the frames given, and the same with the same seed."""
 
 import pytest
 from toy_node import (
@@ -190,7 +190,7 @@ def test_clogged_node_is_told_by_its_outbox_and_sends_later() -> None:
 
 
 class TalkativeNode(ToyNode):
-    """A node that answers what it is told of its bus."""
+    """A node that answers each event of its bus."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -207,7 +207,7 @@ def test_interrupt_at_any_instruction_leaves_no_partial_file(tmp_path: Path) -> 
 
     instruction = 0
     while not ended(instruction):
-        gc.collect(1)  # as a process does that ends: what the traceback kept alive is closed
+        gc.collect(1)  # as a process does that ends: objects kept alive by the traceback are closed
         left = {file.name: file.read_text() for file in tmp_path.iterdir()}
         assert left in ({}, {"t.csv": "new"}), instruction
         path.unlink(missing_ok=True)
@@ -353,7 +353,7 @@ def recorded(path: Path) -> None:
 
 
 OTHERS = ("new", "part", "1.part", "0123456789abcde.part", "0123456789ABCDEF.part")
-"""What a user may have called a file of his beside ours, which he names NAME."""
+"""Names that a user may have given a file beside ours, which he names NAME."""
 
 
 @pytest.mark.parametrize("make", [stored, reported, recorded])
@@ -391,7 +391,7 @@ def test_a_new_file_leaves_all_that_is_beside_it(
 def test_a_name_that_is_taken_meanwhile_is_not_written(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """An attacker who knows the name first: it is refused, at once."""
+    """An attacker knows the name first: it is refused, at once."""
     path, taken, precious = (tmp_path / name for name in ("t.csv", "t.csv.0.part", "precious"))
     precious.write_text("precious")
     monkeypatch.setattr(files, "part_of", lambda _path: taken)

@@ -1,4 +1,4 @@
-"""A log of frames: what was written is read, and damage costs what is damaged."""
+"""A log of frames: each record is read, and damage costs the damaged ones."""
 
 import os
 import random

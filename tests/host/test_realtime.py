@@ -148,7 +148,7 @@ def child(program: str, *arguments: str) -> "subprocess.CompletedProcess[str]":
 def ask(
     priority: int, cpu: int | None = None, *, unprivileged: bool = False, locked: int = 0
 ) -> dict[str, Any]:
-    """What a process is given that asks for real time, or may have nothing but little memory."""
+    """Grants of a process that asks for real time, or may have nothing but little memory."""
     asked = json.dumps([priority, cpu, NOBODY if unprivileged else 0, locked])
     done = child(ASK, asked)
     assert (done.returncode, done.stderr) == (0, "")
@@ -182,7 +182,7 @@ print(json.dumps(answer))
 
 
 def granted(priority: int) -> dict[str, bool]:
-    """What the system grants a process like ours."""
+    """Grants of the system for a process like ours."""
     return dict(json.loads(child(GRANT, str(priority)).stdout))
 
 

@@ -14,7 +14,7 @@ HELLO, AGAIN, GOODBYE = Frame(0x701, b"\x7f"), Frame(0x081, bytes(8)), Frame(0x0
 
 
 class Interface:
-    """What can be unplugged."""
+    """A bus that can be unplugged."""
 
     def __init__(self) -> None:
         self.now = 0.0
@@ -100,7 +100,7 @@ def lasting(interface: Interface) -> tuple[ReconnectingBus, list[str]]:
 
 
 def receive(bus: ReconnectingBus, timeout: float) -> Frame | None:
-    """What whoever uses it does for a frame."""
+    """The use of it for a frame."""
     frames: deque[Frame] = deque()
     try:
         while bus.read(frames):

@@ -1,4 +1,4 @@
-"""The loop alone, on a simulated bus and clock: what each thing costs is part of the case."""
+"""The loop alone, on a simulated bus and clock: the cost of each step is part of the case."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ OTHER = Frame(AT_SYNC + 1)
 
 
 class Host:
-    """A clock in us that moves only by what things cost, and a bus on it.
+    """A clock in us that moves only by the cost of steps, and a bus on it.
 
     `arrivals` are (us, frame) in order, the frames that come over the bus; `pauses` are (us, how
     long) at which the process is not run, first chance after that time.
@@ -84,7 +84,7 @@ class Host:
 
     @property
     def time(self) -> dict[str, Any]:
-        """What `run_node` takes for the times of a system."""
+        """Times that `run_node` takes for those of a system."""
         return {"clock": self.clock, "rest": self.rest}
 
     def at_end(self) -> bool:

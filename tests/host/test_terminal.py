@@ -15,7 +15,7 @@ from smarttac_can.bench import Stimulator
 from smarttac_can.host import terminal as module
 from smarttac_can.host.terminal import LineWriter, progress_bar
 
-# A bar for who looks on, and nothing for a log file.
+# A bar for a person, and nothing for a log file.
 
 
 class Terminal(StringIO):
@@ -29,7 +29,7 @@ class Broken(Terminal):
 
 
 def on_terminal(monkeypatch: pytest.MonkeyPatch) -> Terminal:
-    """Begin to look on; pytest puts back what a fixture does to sys.stderr."""
+    """Begin to look on; pytest puts back changes of a fixture to sys.stderr."""
     stream = Terminal()
     monkeypatch.setattr(sys, "stderr", stream)
     return stream
@@ -119,7 +119,7 @@ def test_a_worker_process_shows_none(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def notebook(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, str]]:
-    """What a notebook was asked to show, and to show in its place."""
+    """Objects that a notebook shows, and their replacements."""
     shown: list[tuple[str, str]] = []
 
     def display(html: str, display_id: bool) -> Any:

@@ -40,7 +40,7 @@ def test_a_loop_that_is_off_is_an_error(tool: ModuleType, monkeypatch: pytest.Mo
 
 @dataclass
 class Said:
-    """What a bench says of its loop."""
+    """Figures of a bench about its loop."""
 
     state: State = State.RUNNING
     mode: Mode = Mode.FRICTION

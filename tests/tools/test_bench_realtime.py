@@ -1,4 +1,4 @@
-"""``tools/bench_realtime``: what it gives and what it leaves, not how good a machine is."""
+"""``tools/bench_realtime``: its figures and its end, not how good a machine is."""
 
 import json
 import os
@@ -104,7 +104,7 @@ def test_a_signal_ends_all_of_it() -> None:
 
 
 def run_of(plate: float, missed: int) -> dict[str, Any]:
-    """What a run of 10 s gives, of which the plate takes a share of a core."""
+    """Figures of a run of 10 s, of which the plate takes a share of a core."""
     return {
         "seconds": 10.0,
         "ticks": 10_000,

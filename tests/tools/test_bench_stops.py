@@ -1,4 +1,4 @@
-"""``tools/bench_stops``: what it takes for a broken bound, and that it measures one."""
+"""``tools/bench_stops`` finds a broken bound, and measures one."""
 
 import sys
 from collections.abc import Callable, Iterator

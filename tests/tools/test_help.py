@@ -1,4 +1,4 @@
-"""Every tool says what it does, and gives an example."""
+"""Every tool has a summary and an example."""
 
 import runpy
 import subprocess

@@ -1,4 +1,4 @@
-"""``tools/nightly`` runs what the page lists, and writes how it ended."""
+"""``tools/nightly`` runs the rows of the page, and writes how they ended."""
 
 import runpy
 import sys

@@ -1,4 +1,4 @@
-"""``tools/with-browser``: which browser a command finds, and what it says where there is none."""
+"""``tools/with-browser``: which browser a command finds, and its message where there is none."""
 
 import subprocess
 import sys

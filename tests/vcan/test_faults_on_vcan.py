@@ -66,7 +66,7 @@ def drive(bench: Stimulator, mode: Mode) -> None:
 
 
 def when_it_answers(bench: Stimulator) -> State:
-    """State of a stimulator that first has to work through what it missed."""
+    """State of a stimulator that first has to work through its backlog."""
     end = time.monotonic() + GUARD_S
     while True:
         try:

@@ -1,4 +1,4 @@
-"""What holds on every bus, on SocketCAN."""
+"""Rules for every bus, on SocketCAN."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""The model of the plate: its ranges, and what a finger adds to it."""
+"""The model of the plate: its ranges, and the load of a finger."""
 
 import cmath
 import math
@@ -28,7 +28,7 @@ def test_one_press_tells_the_load(Fn: float, detuning: float) -> None:
     rate = 1000.0 * (1.0 + 0.8 * (Fn / 0.5) ** (2 / 3))
     W = 50e-9 / 1e-3 * 30.0 / complex(rate, 2 * math.pi * detuning)
     assert MODEL.load_of_press(30.0, W, Fn) == pytest.approx(0.8)
-    # W is seen in the frame of the voltage: what turns it with the frame would be an error.
+    # W is seen in the frame of the voltage: a turn with the frame would be an error.
     assert MODEL.load_of_press(30.0, W * cmath.rect(1.0, 0.3), Fn) != pytest.approx(0.8)
 
 

@@ -1,4 +1,4 @@
-"""``tools/with-vcan`` passes on what a command gets and gives, and leaves nothing behind."""
+"""``tools/with-vcan`` passes on the input and output of a command, and leaves nothing behind."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The listener that takes part in nothing: what it hears, and how it ends."""
+"""The listener that takes part in nothing: its figures, and how it ends."""
 
 import os
 import socket
@@ -29,7 +29,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="time stamps of 
 
 @contextmanager
 def stamping() -> Iterator[None]:
-    """Have Linux stamp what comes: it begins some time after a socket has asked for it."""
+    """Have Linux stamp frames: it begins some time after a socket has asked for it."""
     with socket.socket(type=socket.SOCK_DGRAM) as asks:
         asks.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
         asks.bind(("127.0.0.1", 0))

@@ -1,4 +1,4 @@
-"""The fault matrix: a share of its rows, its log, and what a row that fails looks like."""
+"""The fault matrix: a share of its rows, its log, and the look of a row that fails."""
 
 import json
 from collections import Counter

@@ -1,4 +1,4 @@
-"""A hostile third node neither drives the plate nor harms the pair; its trial sees what does."""
+"""A hostile third node neither drives the plate nor harms the pair; the trial sees violations."""
 
 from __future__ import annotations
 

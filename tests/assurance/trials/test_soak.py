@@ -1,4 +1,4 @@
-"""A soak repeats by its seed, and its checks see what does not hold."""
+"""A soak repeats by its seed, and its checks see each violation."""
 
 import json
 import subprocess

@@ -40,7 +40,7 @@ def busy(pid: int) -> bool:
 @contextmanager
 def sharing(*work: str) -> Iterator[subprocess.Popen[str]]:
     """Run a command that two processes share, in a group of its own; in the end none is left."""
-    # A shell starts what runs in the background deaf to Ctrl-C, and so it would these tests.
+    # A shell starts background jobs deaf to Ctrl-C, and so it would these tests.
     command = ["env", "--default-signal=INT", sys.executable, "-m", "smarttac_can.assurance"]
     command += [*work, "--jobs", "2"]
     with subprocess.Popen(

@@ -1,4 +1,4 @@
-"""Pages of a panel without a browser: what a browser would send, on the real server on loopback."""
+"""Pages of a panel without a browser: the frames of one, on the real server on loopback."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def refuse(constant: str) -> None:
 
 
 class Page:
-    """An open page that answers what it gets, unless it is told to fall silent."""
+    """An open page that answers each update, unless it is told to fall silent."""
 
     def __init__(self, socket: ClientWebSocketResponse) -> None:
         self.socket = socket

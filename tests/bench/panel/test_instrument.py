@@ -1,4 +1,4 @@
-"""An instrument stepped by hand: who may drive it, and how soon it is at 0 V."""
+"""An instrument stepped by hand: its commander, and how soon it is at 0 V."""
 
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -296,7 +296,7 @@ class QuietBus:
 
 
 class OnABus:
-    """An instrument that `ME` drives, and what it knows of the bus."""
+    """An instrument that `ME` drives, and its view of the bus."""
 
     def __init__(self) -> None:
         link, od, _ = open_guided_link()

@@ -1,4 +1,4 @@
-"""``smarttac panel`` as a process: without a bus, on a bus, and what it refuses."""
+"""``smarttac panel`` as a process: without a bus, on a bus, and its refusals."""
 
 import asyncio
 import re
@@ -184,7 +184,7 @@ def test_panel_refuses_to_drive_while_another_bench_drives(
     node: StimulatorNode, multicast: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Other benches take a panel for one of them: see the test before."""
-    # A process starts while this one sends the heartbeat of who drives.
+    # A process starts while this one sends the heartbeat of the commander.
     monkeypatch.setattr("smarttac_can.bench.remote_device._LOST_MS", 5000)
     with Stimulator.connect(**multicast) as bench:
         bench.voltage = 20.0

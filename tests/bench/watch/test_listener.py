@@ -1,4 +1,4 @@
-"""A listener's bus: what is sent goes out at once, whatever the thread that listens waits for."""
+"""A listener's bus: a frame goes out at once, whatever the thread that listens waits for."""
 
 import threading
 from collections import deque

@@ -36,7 +36,7 @@ Script = Callable[[Pilot[None], WatchScreen], Awaitable[None]]
 @pytest.fixture
 def node(virtual: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> Iterator[StimulatorNode]:
     """Run a node in a thread, which ends no run because the machine is busy."""
-    # The process that draws sends the heartbeat of who drives.
+    # The process that draws sends the heartbeat of the commander.
     monkeypatch.setattr("smarttac_can.bench.remote_device._LOST_MS", 5000)
     made = stimulator_with_plate(lockstep=False)
     with in_threads(virtual, made, lockstep=False):
@@ -138,7 +138,7 @@ def drive_late(screen: WatchScreen, begin: threading.Event) -> str:
 
 @pytest.mark.usefixtures("node")
 def test_watch_stop_goes_out_while_a_command_hangs(virtual: dict[str, Any]) -> None:
-    """While the one worker hangs the stop goes out, and what it does afterwards is undone."""
+    """While the one worker hangs the stop goes out, and its later effect is undone."""
 
     async def script(pilot: Pilot[None], screen: WatchScreen) -> None:
         await until(pilot, screen, "state ready")

@@ -1,4 +1,4 @@
-"""A listener on a simulated bus: what it shows is what the node has, and what it sends is reads."""
+"""A listener on a simulated bus shows the values of the node, and sends reads alone."""
 
 from collections.abc import Iterator
 
@@ -42,7 +42,7 @@ class Scene:
         self.bus = LocalBus()
         self.watcher = Watcher(stimulator_od(), reads=reads)
         self.sent: list[Frame] = []
-        self.cut = False  # what the watcher sends is lost
+        self.cut = False  # requests of the watcher are lost
         self._port = self.bus.connect(
             lambda frame: self.watcher.receive(self.bus.time * 1e-6, frame)
         )
@@ -88,7 +88,7 @@ def scene() -> Iterator[Scene]:
 
 @pytest.fixture(scope="module")
 def regulated() -> Iterator[tuple[Scene, View]]:
-    """Scene in which the friction of a finger is regulated, and what is shown of it."""
+    """Scene in which the friction of a finger is regulated, and its view."""
     scene = Scene()
     scene.start()
     scene.write("Finger.Motion", 1)

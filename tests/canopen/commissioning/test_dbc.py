@@ -1,4 +1,4 @@
-"""A DBC is what cantools makes of it: it decodes a recorded run to the recorded numbers."""
+"""A DBC is read by cantools: it decodes a recorded run to the recorded numbers."""
 
 from itertools import groupby
 from pathlib import Path
@@ -37,7 +37,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def cycles(log: Path, database: Database) -> list[dict[str, Any]]:
-    """What the node's TPDOs carry from SYNC to SYNC."""
+    """Values of the node's TPDOs from SYNC to SYNC."""
     known = {message.frame_id for message in database.messages}
     numbered = []
     number = 0

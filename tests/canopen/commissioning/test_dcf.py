@@ -1,4 +1,4 @@
-"""A DCF is what other readers make of it: python-canopen, lely's dcfchk, and our own."""
+"""A DCF is read alike by others: python-canopen, lely's dcfchk, and our own."""
 
 import io
 import subprocess

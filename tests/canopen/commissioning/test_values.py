@@ -82,7 +82,7 @@ def test_a_download_file_is_written(tmp_path: Path) -> None:
     assert "is not in the folder of the DCF" in refusal("eds", "load", file, *bus("no file"))
 
 
-# The procedures: a device that refuses what CiA 301 lets it refuse, written to without a bus.
+# The procedures: a device that refuses all that CiA 301 permits, written to without a bus.
 
 
 class Client:
@@ -222,7 +222,7 @@ def test_a_pdo_whose_mapping_is_refused_is_left_invalid() -> None:
 
 
 def test_commands_and_the_default_sdo_are_no_values() -> None:
-    """To store, restore and clear are left to the user, and 1200h is what writes."""
+    """To store, restore and clear are left to the user, and 1200h is the SDO in use."""
     text = small_eds(
         record("1010", entry("1010sub0", 5, "const", "1"), entry("1010sub1", 7, "rw", "1"))
         + record("1003", entry("1003sub0", 5, "rw", "0"), entry("1003sub1", 7, "ro", "0"))

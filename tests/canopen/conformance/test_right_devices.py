@@ -141,7 +141,7 @@ def test_end_of_a_block_upload_is_not_read_as_a_segment() -> None:
     )
 
 
-# What the EDS says itself: limits, bit 30 of a COB-ID, ObjFlags.
+# Of the EDS itself: limits, bit 30 of a COB-ID, ObjFlags.
 
 
 @pytest.mark.parametrize(

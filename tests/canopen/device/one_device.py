@@ -37,7 +37,7 @@ def fewer_bytes(monkeypatch: pytest.MonkeyPatch) -> int:
 
 
 def receive(device: Device, request: Frame) -> list[Frame]:
-    """What a frame causes on a bus that takes all segments at once."""
+    """Responses to a frame on a bus that takes all segments at once."""
     sent = device.receive(request)
     while more := device.segments(127):
         sent += more

@@ -1,4 +1,4 @@
-"""Devices of EDS files that are not ours: what is left out, compact, or cannot be written."""
+"""Devices of foreign EDS files: omitted, compact, or impossible to write."""
 
 import pytest
 from small_eds import entry, read, record, small_eds, started, write
@@ -64,7 +64,7 @@ def test_ffh_reads_without_subindex_1(
 def test_subindex_0_without_default_counts(
     index: str, access: str, values: tuple[str, ...], count: int
 ) -> None:
-    """The error history and a mapping count what is in use."""
+    """The error history and a mapping count their entries in use."""
     entries = [entry(f"{index}sub{n}", 7, "rw", value) for n, value in enumerate(values, 1)]
     text = small_eds(STATUS + record(index, entry(f"{index}sub0", 5, access), *entries))
     assert read(started(text), int(index, 16)) == count
@@ -168,7 +168,7 @@ def test_compactpdo_adds_the_missing_record_of_a_pdo() -> None:
     assert read(device, 0x1802, 1) == -0x06020000
 
 
-# Combinations of access: what cannot be written otherwise is written without the procedure.
+# Combinations of access: an object that needs it is written without the procedure.
 
 
 def test_a_mapping_with_a_fixed_count_is_written() -> None:

@@ -1,4 +1,4 @@
-"""The whole device against a model that knows what must be kept, refused and forgotten."""
+"""The whole device against a model of the values to be kept, refused and forgotten."""
 
 from hypothesis import settings
 from hypothesis import strategies as st
@@ -129,7 +129,7 @@ class DeviceMachine(RuleBasedStateMachine):
         assert len(sent) == (not self.values[0x1017, 0])
         assert all(frame.data[0] & 0x7F == self.state for frame in sent)
         if self.values[0x100C, 0] * self.values[0x100D, 0]:
-            # Life guarding is on: what follows without guarding may change the state.
+            # Life guarding is on: later frames without guarding may change the state.
             self.device.receive(Frame(0, bytes((0x82, NODE_ID))))
             fresh = self.defaults | self.stored
             self.values |= {a: fresh[a] for a in self.values if a[0] < 0x2000}

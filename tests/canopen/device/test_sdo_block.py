@@ -191,7 +191,7 @@ def test_wrong_checksum_and_length_change_nothing() -> None:
 
 
 def test_a_sub_block_too_long_is_swallowed_before_it_is_refused() -> None:
-    """What the client still sends would else be taken for requests, such as 23h."""
+    """Late segments of the client would else be taken for requests, such as 23h."""
     device = started()
     ask(device, b"\xc0" + address(0x2110))
     for k in range(1, 127):

@@ -1,4 +1,4 @@
-"""What is under way when the server has answered already has no second answer."""
+"""A frame under way when the server has answered already has no second answer."""
 
 from binascii import crc_hqx
 from collections import deque
@@ -167,7 +167,7 @@ def test_the_last_word_of_an_upload_may_come_late_or_not_at_all() -> None:
 
 
 Transfer = Generator[list[bytes], bytes, list[bytes]]
-"""Yields requests, gets the next answer, returns what is sent after the last."""
+"""Yields requests, gets the next answer, returns the frames after the last."""
 
 TEXTURE = b"\0\x23\0"
 LABEL = b"\x01\x23\0"

@@ -36,7 +36,7 @@ def test_signatures(index: int) -> None:
     right = SAVE if index == 0x1010 else LOAD
     turned = int.from_bytes(right.to_bytes(4, "little"), "big")
     read = int.from_bytes(upload(device, index, 1), "little")
-    # Who takes what is read for what to write would else believe that something was stored.
+    # A client that writes back the value read would else believe that something was stored.
     for wrong in (turned, 0, read, SAVE + LOAD - right, 0xFFFFFFFF):
         assert download(device, index, 1, wrong, 4) == 0x08000020
     assert memory.read() is None

@@ -1,4 +1,4 @@
-"""What a master sends, to the byte, and what it understands of the answers."""
+"""Requests of a master, to the byte, and its reading of the answers."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ LONG_DATA = bytes(range(256)) * 5
 
 
 def block_frames(data: bytes, losses: frozenset[int] = frozenset()) -> list[Frame]:
-    """What passes in a block download of python-canopen's kind.
+    """Frames of a block download of python-canopen's kind.
 
     The node does not get the segments of these numbers in the first sub-block, and has the rest
     of it again.

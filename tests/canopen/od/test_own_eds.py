@@ -1,4 +1,4 @@
-"""What masters, generators and analysers trip over in an EDS, in the files of this repository."""
+"""Traps of an EDS for masters, generators and analysers, in the files of this repository."""
 
 import re
 from pathlib import Path

@@ -39,7 +39,7 @@ class Line:
         self.ports = [self.bus.attach(node, lockstep=lockstep) for node in nodes]
 
     def send(self, *frames: Frame) -> list[Frame]:
-        """What the nodes answer to frames of the master."""
+        """Answers of the nodes to frames of the master."""
         return self.master.send(*frames)
 
     def nmt(self, command: int, node_id: int = 0) -> list[Frame]:
@@ -183,7 +183,7 @@ def measurement(tick: int, gauge_tick: int | None = None, W: int = 0) -> list[Fr
 
 
 def packed(frames: CheckedFrames, unsent: bytes = b"") -> bytes:
-    """What the entries of a drive, or of a measurement, hold, with the right check."""
+    """Values of the entries of a drive, or of a measurement, with the right check."""
     frames.write_check(unsent)
     return b"".join(entry.pack() for entry in (*frames.entries, frames.check))
 
@@ -212,7 +212,7 @@ def emergencies(line: Line, can_id: int = EMCY_PLATE) -> list[int]:
 
 
 def cycle(line: Line, plate: PlateNode, volts: float, *hardware: Frame) -> float:
-    """One cycle: SYNC, what hardware says, and a drive; return the voltage of the stage."""
+    """One cycle: SYNC, the hardware inputs, and a drive; return the voltage of the stage."""
     line.sync()
     line.send(*hardware)
     line.send(drive(round(100 * volts), tick_of(plate), session=plate.block.session))

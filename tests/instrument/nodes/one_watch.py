@@ -23,7 +23,7 @@ UNTARED = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Present(set[Watchdog]):
-    """Which watchdogs see a fault, by what is observed."""
+    """Which watchdogs see a fault, by observation."""
 
     def observe(self, watchdog: Watchdog, comes: bool) -> None:
         (self.add if comes else self.discard)(watchdog)

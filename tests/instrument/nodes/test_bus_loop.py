@@ -1,4 +1,4 @@
-"""The loop over the bus without a node: what is a measurement, what is answered, and until when.
+"""The loop over the bus without a node: which measurement is answered, and until when.
 
 The deadline is 3 ms, and a window of the watch over its source 8 SYNCs.
 """
@@ -27,7 +27,7 @@ def parted(measurement: bytes) -> dict[int, bytes]:
     return {FIRST: measurement[:8], SECOND: measurement[8:16], LAST: measurement[16:]}
 
 
-# The measurement PDOs of a tick, one by one: what completes a measurement, and what is counted.
+# The measurement PDOs of a tick, one by one: a complete measurement, and the counts.
 
 
 class Pair:

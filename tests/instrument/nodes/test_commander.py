@@ -1,4 +1,4 @@
-"""Who drives in real time is watched; a master that starts anew, or rests, is gone."""
+"""A commander in real time is supervised; one that starts anew, or rests, is lost."""
 
 import struct
 
@@ -48,7 +48,7 @@ def test_a_master_that_is_gone_is_forgotten_with_its_watch() -> None:
 
 
 def watch() -> tuple[Clock, Commander, Present]:
-    """A watch with what is present of its faults."""
+    """A watch with its present faults."""
     present, device = Present(), Device(stimulator_od(), Application(), node_id=32)
     return device.clock, Commander(device, 0x21, present.observe, lockstep=False), present
 

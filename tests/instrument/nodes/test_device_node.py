@@ -1,4 +1,4 @@
-"""Which identifiers matter to the host: what a node hears, and what of its own must not wait."""
+"""Which identifiers matter to the host: those wanted, and those of its own that are urgent."""
 
 from __future__ import annotations
 

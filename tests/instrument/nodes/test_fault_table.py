@@ -102,7 +102,7 @@ LATCHED = {
 }
 """Cycles until the stimulator has latched it, where the plate is at 0 V before."""
 TO_SHOW = {
-    # Sound cycles between the faulty ones, and what the leaky counter takes back in them.
+    # Sound cycles between the faulty ones, and the decrease of the leaky bucket in them.
     "S1 off in 4 of 5 cycles": 2,
     "S3 off in 4 of 5 cycles": 2,
     "S4 off in 1 of 2 cycles": 6,
@@ -200,7 +200,7 @@ def assert_at_0_v_in_time(rig: Rig, case: FaultCase, mode: Mode) -> None:
 
 
 def assert_told(rig: Rig, case: FaultCase, mode: Mode, frames: list[Frame]) -> None:
-    """Check that the objects and one emergency message say what has tripped first."""
+    """Check that the objects and one emergency message name the first watchdog."""
     watchdog = case.trips(mode)
     if watchdog is None:
         assert rig.state is UNLATCHED[case.name]

@@ -41,7 +41,7 @@ STILL = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Fake:
-    """A front end that does what a test says; it keeps what it was told."""
+    """A front end that acts by a test; it keeps its commands."""
 
     def __init__(self) -> None:
         self.told: list[float] = []
@@ -61,7 +61,7 @@ class Fake:
 
 
 class Hardware:
-    """The simulated plate as if it were hardware: what is put out acts from now on."""
+    """The simulated plate as if it were hardware: its drive acts from now on."""
 
     took_us = 0
 

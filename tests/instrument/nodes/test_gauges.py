@@ -97,7 +97,7 @@ def test_normal_gauge_wrong_in_4_of_5_cycles_keeps_the_friction(
 
 @pytest.mark.parametrize(("mN", "ends"), [(700, False), (1300, True)])
 def test_lateral_gauge_error_is_a_fault_above_twice_fn(mN: int, ends: bool) -> None:
-    """What stays unseen under 0.4 N, 2 Fn and the mismatch: 1.0 N with the friction itself."""
+    """Unseen under 0.4 N is the sum of 2 Fn and the mismatch: 1.0 N with the friction itself."""
     block, plate = driven(
         Mode.FRICTION, Finger__Force=400, Finger__Force_variation=0, Finger__Motion=STROKE
     )

@@ -1,6 +1,6 @@
 """The nodes to the byte: every frame they send, and that they send no other.
 
-What changes a transcript on purpose is written with
+A purposeful change of a transcript is written with
 ``pytest tests/instrument/nodes --write-golden``, and read before it is committed.
 """
 

@@ -1,4 +1,4 @@
-"""What the nodes refuse, whatever an EDS says: see `smarttac_can.instrument.nodes.hard_caps`."""
+"""Refusals of the nodes, whatever an EDS says: see `smarttac_can.instrument.nodes.hard_caps`."""
 
 import re
 
@@ -52,7 +52,7 @@ def edited(text: str, name: str, **keys: str | None) -> str:
 
 
 def refusal(text: str, changed: str) -> str:
-    """What both constructors say of a changed EDS."""
+    """Errors of both constructors for a changed EDS."""
     od = load_eds(changed, NODE_IDS[text])
     said = []
     for make in (PlateNode, PlateBlock) if text is PLATE else (StimulatorNode, StimulatorBlock):
@@ -68,7 +68,7 @@ def refusal(text: str, changed: str) -> str:
 @pytest.mark.parametrize("text", [STIMULATOR, PLATE], ids=["stimulator", "plate"])
 def test_everything_in_volts_is_capped_at_200_v(text: str) -> None:
     in_volts = {entry.name for entry in DEFAULT[text] if entry.unit.symbol.endswith("V")}
-    in_volts -= {"Stage read-back"}  # What is measured may be anything, and is compared.
+    in_volts -= {"Stage read-back"}  # A measured value may be anything, and is compared.
     assert in_volts == {cap.name for of, cap in CAPPED if of is text and "Voltage" in cap.name}
     assert all(DEFAULT[text][name].high == 20_000 for name in in_volts)
 

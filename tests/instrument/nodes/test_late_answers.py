@@ -165,7 +165,7 @@ def test_answer_after_the_next_sync_is_late(first: int, before: int, periods: li
         for at, late in enumerate(queue.period(answered)):
             was = at < waiting
             in_a_row = in_a_row + 1 if was else 0
-            # What never is in time is taken for the rule, and the plate has ended the run by then.
+            # Constant lateness is taken for the rule, and the plate has ended the run by then.
             if in_a_row > 20 or len(queue.waiting) > 100:
                 return
             assert late == was

@@ -56,7 +56,7 @@ def no_setpoints(rig: Rig) -> None:
 
 
 def reads_more_at_rest(rig: Rig) -> None:
-    """Have the pick-up read 150 nm at 0 V, above the limit, and below what contradicts 0 V."""
+    """Have the pick-up read 150 nm at 0 V, above the limit, and below the bound at 0 V."""
     limit_amplitude(100)(rig)
     rig.inject(FaultKind.OFFSET, PICKUP_D, 150)
 

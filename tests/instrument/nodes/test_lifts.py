@@ -1,6 +1,6 @@
 """A finger that taps, strokes with lifts, or knocks: no run of a sound device ends by it.
 
-And of a pick-up that reads too little, what lifts release stays within the promise.
+And with a pick-up that reads too little, lifts release no more than promised.
 """
 
 from __future__ import annotations
@@ -143,7 +143,7 @@ def test_weak_pickup_and_taps_release_at_most_the_promise(period: float) -> None
     assert result.violation == ""
     assert result.ended_by == ""
     assert 3.3 < result.peak_um < 9.0
-    # Without the bound of what a lift releases: 0.36 J at 2 taps a second, 1.59 J at 7.8.
+    # Without the bound of a lift: 0.36 J at 2 taps a second, 1.59 J at 7.8.
     assert result.energy_J < 0.16
 
 
@@ -157,7 +157,7 @@ def test_failure_that_varies_is_named_and_parsed() -> None:
     assert [step.size_at(n) for n in (6, 7)] == [0.0, 2000.0]
 
 
-# --- The bound of what a lift releases, in numbers: 50 nm/V, 0.1 J hold 1015 um2 -----------------
+# --- The bound of the release by a lift, in numbers: 50 nm/V, 0.1 J hold 1015 um2 -----------------
 
 
 @pytest.mark.parametrize(

@@ -167,7 +167,7 @@ def test_lock_refuses_relaxing_writes_of_each_object(
     od: ObjectDictionary, table: Table, other: set[Where], higher: set[Where],
     lower: set[Where], longer: set[Where],
 ) -> None:  # fmt: skip
-    """By place: what relaxes a value and what does not, whatever else would refuse it."""
+    """By place: values that relax it and others, whatever else would refuse them."""
     lock = Lock(od, table)
 
     def refused(entry: Entry, present: int, value: int) -> bool:

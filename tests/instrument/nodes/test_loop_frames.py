@@ -1,4 +1,4 @@
-"""The frames of the loop carry what both ends know, with a check, and no master changes that."""
+"""The frames of the loop have a layout that no master changes, with a check."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_pdo_save_of_python_canopen_skips_constant_mappings() -> None:
     assert [variable.length // 8 for variable in node.tpdo[5].map] == [size for _, size in DRIVE]
 
 
-# What a stimulator takes for granted of its plate node: its serial number, and its heartbeat.
+# Assumptions of a stimulator about its plate node: its serial number, and its heartbeat.
 
 
 SERIAL = "Calibration.Plate serial number"

@@ -163,7 +163,7 @@ def test_ticks_out_of_operational_are_not_missed() -> None:
 def test_tick_without_cycle_counts_once_with_any_sync_producer(
     produce_sync: bool, missed: int
 ) -> None:
-    """What another produces is counted at the end of each second: 91 of 1001 ticks."""
+    """SYNC of another producer is counted at the end of each second: 91 of 1001 ticks."""
     node = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID, produce_sync=produce_sync)
     node.start()
     node.receive(requests.nmt(START))

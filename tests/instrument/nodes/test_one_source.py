@@ -39,7 +39,7 @@ DOUBLE = 1 << Watchdog.DOUBLE
 
 
 def stranger(line: Line, tick: int) -> list[Frame]:
-    """What follows a measurement that somebody makes up, the plate not hearing it."""
+    """Frames after a forged measurement, which the plate does not hear."""
     sent = []
     for frame in measurement(tick & 0xFF):
         sent += line.ports[1]._receive(frame) or []

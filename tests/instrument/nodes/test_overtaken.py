@@ -30,7 +30,7 @@ def driven(plate: PlateNode) -> PlateNode:
 
 
 def paused(plate: PlateNode, ms: int) -> list[Frame]:
-    """What is measured by a plate that stands still, and then finds all SYNCs of that time."""
+    """Measurements of a plate that stands still, and then finds all SYNCs of that time."""
     plate.advance(1000 * ms)
     frames = [frame for _ in range(ms - 1) for frame in plate.overtaken(requests.sync())]
     frames += plate.receive(requests.sync())

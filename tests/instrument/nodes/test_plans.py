@@ -129,7 +129,7 @@ FOLLOWS = {
     "Texture.Slot": "",
     "Texture.Preview": "control.ahead",
 }  # fmt: skip
-"""What follows from a parameter."""
+"""Plans that follow from a parameter."""
 
 
 def prepared(od: ObjectDictionary, entry: Entry) -> int:
@@ -204,7 +204,7 @@ def test_a_write_that_is_refused_leaves_the_plans() -> None:
 
 @pytest.mark.parametrize("entry", SETTINGS, ids=lambda entry: entry.name)
 def test_a_new_run_and_a_reset_build_all_plans_anew(entry: Entry) -> None:
-    """What is in the objects counts, however it came there."""
+    """The values of the objects count, however they came there."""
     block = StimulatorBlock(stimulator_od(), PlateBlock(plate_od()))
 
     def in_force() -> tuple[object, object]:
@@ -343,7 +343,7 @@ def test_model_counts_as_identified_while_unchanged(
     assert plans.watch.bound.identified is identified
 
 
-# What the record of the model shows of an identification.
+# An identification in the record of the model.
 
 
 def shown(od: ObjectDictionary) -> tuple[int, int]:

@@ -20,7 +20,7 @@ GAUGES = [f"Gauge.S{number}" for number in range(1, 7)]
 
 
 class Behind:
-    """What is behind the objects: it measures one thing, and its stage obeys but for an excess."""
+    """Plate behind the objects: it measures one thing, and its stage obeys but for an excess."""
 
     cause = None
     trouble = ""
@@ -61,7 +61,7 @@ def block_with(behind: Behind) -> PlateBlock:
 
 
 def take(block: PlateBlock, voltage: int, ago: int = 0, *, latched: bool = False) -> Taken:
-    """What becomes of a drive that answers a tick some ticks ago."""
+    """The verdict on a drive that answers a tick some ticks ago."""
     od = block.od
     od["Drive.Voltage"].value = voltage
     od["Drive.Frequency"].value = 4_339_000
@@ -357,7 +357,7 @@ def break_it(block: PlateBlock, kind: int, sensor: int, value: int, delay: int =
 
 
 def saturation(block: PlateBlock) -> int:
-    """What the next tick says of the sensors."""
+    """Sensors in the next tick."""
     block.cycle()
     return int(block.od["Vibration.Saturation"].value)
 

@@ -1,4 +1,4 @@
-"""Hardware that watches the power stage: what it says counts once it is mapped."""
+"""Hardware that watches the power stage: its inputs count once they are mapped."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ NOT_ENABLED, STAGE, LATE = 0x9010, 0x3311, 0x8250
 
 
 def says(enable: int = 1, volts: float = 0.0) -> Frame:
-    """What the hardware sends."""
+    """A frame of the hardware."""
     return Frame(0x321, struct.pack("<BH", enable, round(100 * volts)))
 
 

@@ -1,4 +1,4 @@
-"""The plate node: what it does with drives, states and the objects of the simulation."""
+"""The plate node: drives, states and the objects of the simulation."""
 
 import struct
 

@@ -1,4 +1,4 @@
-"""What the objects show of a cycle; what is read on demand is as if published in that cycle."""
+"""Objects of a cycle; a value read on demand is as if published in that cycle."""
 
 from contextlib import suppress
 from types import SimpleNamespace
@@ -42,7 +42,7 @@ NOTHING = Measured(Measurement(0j, (0.0,) * 6, 0.0, 0), (0,) * 9, 0, 0)
 
 
 def quantities(measured: Measured, cascade: Cascade) -> dict[str, float]:
-    """What a cycle shows, in SI units."""
+    """Values of a cycle, in SI units."""
     contact, drive = cascade.contact, cascade.drive
     return {
         "Vibration.W_d": measured.si.W.real,
@@ -69,7 +69,7 @@ QUANTITIES = tuple(quantities(NOTHING, Cascade()))
 
 
 class EagerReadBack(ReadBack):
-    """Beside what it reads on demand, it has the integers of each cycle, made in that cycle."""
+    """Beside values on demand, it has the integers of each cycle, made in that cycle."""
 
     def __init__(self, od: ObjectDictionary) -> None:
         self._objects = stimulator_od()
@@ -221,7 +221,7 @@ TEXTURE = 6
 
 
 class Shown:
-    """A read-back without a loop, and what its objects show."""
+    """A read-back without a loop, and its objects."""
 
     def __init__(self) -> None:
         self.od = stimulator_od()

@@ -153,7 +153,7 @@ def test_drives_that_are_late_are_no_fault_before_the_deadline(amplitude: int, l
 def test_late_drives_above_a_lowered_limit_end_the_run(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """In time the drive is cut to the limit; a late one leaves in force what was sent before."""
+    """In time the drive is cut to the limit; a late one leaves the drive before in force."""
     rig = driven()
     rig.write("Limit.Amplitude by drive", 500)
     rig.cycle(20)

@@ -117,7 +117,7 @@ def slow_for_a_while(loop: SlowLoop, answers: list[int]) -> None:
 
 @pytest.mark.parametrize(
     ("friction", "vibration", "produce_sync"),
-    # Each law once; who produces SYNC has nothing to do with them.
+    # Each law once; the producer of SYNC has nothing to do with them.
     [
         (law, vibration, n % 2 == 0)
         for n, (law, vibration) in enumerate(zip(Law, cycle(VibrationLaw)))

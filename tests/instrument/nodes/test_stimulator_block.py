@@ -130,7 +130,7 @@ def test_a_model_is_in_force_from_the_next_cycle(loop: Loop) -> None:
 
 
 def test_message_has_the_fault_not_the_end_of_the_controllers(driving: Loop) -> None:
-    # What an RPDO brings is not refused.
+    # A value by RPDO is not refused.
     driving.block.od["Mode"].value = TEXTURE
     driving.tick()
     assert driving.latched == 1 << Watchdog.CONTROLLER

@@ -551,7 +551,7 @@ def test_plate_links_taken_back_are_set_anew_at_the_start_only() -> None:
     assert link.value == 0x1A1
 
 
-# What it tells the bus unasked, without a node: which PDOs, and which emergencies.
+# Frames to the bus unasked, without a node: which PDOs, and which emergencies.
 
 
 STATUS_TPDO = 1
@@ -560,7 +560,7 @@ NMT_CODE, BUS_OFF_CODE, STUCK_CODE = 0x8180, 0x8141, 0x5211
 
 
 class Told:
-    """A publishing, and what its device was asked to send."""
+    """A publishing, and the requests to its device."""
 
     def __init__(self) -> None:
         self.od = stimulator_od()

@@ -1,4 +1,4 @@
-"""The supervisor without a node: what it lets out, latches, shows and forgets."""
+"""The supervisor without a node: drives, latches, messages and resets."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ LOWEST, HIGHEST = 43000.0, 44000.0
 
 
 class Loop:
-    """A supervisor with watchdogs that see what a test says."""
+    """A supervisor with watchdogs set by a test."""
 
     def __init__(self, state: State = State.READY) -> None:
         self.od = stimulator_od()

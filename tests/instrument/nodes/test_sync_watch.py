@@ -12,7 +12,7 @@ from smarttac_can.vocabulary.watchdogs import Watchdog
 
 
 class Watch:
-    """A watch with a deadline of 3 ms and counters up to 10, and what it has tripped."""
+    """A watch with a deadline of 3 ms and counters up to 10, and its trips."""
 
     def __init__(self, deadline_ms: int = 3) -> None:
         self.clock = Clock()

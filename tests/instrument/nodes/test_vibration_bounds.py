@@ -248,7 +248,7 @@ def test_limit_below_the_bound_is_0_v_until_the_bound_decayed() -> None:
 
 @pytest.mark.parametrize(("limit", "cycles"), [(5010, 0), (4990, 5)])
 def test_a_bound_above_its_limit_for_5_cycles_is_a_fault(limit: int, cycles: int) -> None:
-    """No drive that comes in time makes one; what was late may be in force all the same."""
+    """No drive in time makes one; a late one may be in force all the same."""
     watch = settled(watch_of(), 5.0)
     watch.limit_bound(limit * 1e-3)
     assert cycles_to(UNSEEN, watch, 5.0) == cycles
@@ -475,7 +475,7 @@ def most_and_least(watch: Watch) -> tuple[float, float]:
         ([(20.0, True), (30.0, False)], 100.0, 20.0),
         ([(20.0, True), (30.0, False), (40.0, False)], 40.0, 40.0),
         ([(20.0, True), (150.0, True), (60.0, True)], 150.0, 20.0),
-        # What came in time is in force when the next is late, and nothing that was before.
+        # A drive in time is in force when the next is late, and nothing that was before.
         ([(20.0, True), (150.0, True), (60.0, False), (50.0, True)], 60.0, 50.0),
         ([(20.0, True), (150.0, False), (60.0, True), (70.0, False)], 150.0, 60.0),
         ([(20.0, True), (150.0, False), (60.0, True), (70.0, False), (65.0, True)], 70.0, 65.0),
@@ -544,7 +544,7 @@ def test_the_bound_has_the_frequency_that_may_still_be_in_force() -> None:
     assert hop(settled_at(at), *[(off, True)] * 20) == pytest.approx(resonant, abs=1e-3)
     assert hop(settled_at(at), *[(off, True)] * 20, (off, False)) == pytest.approx(3.03, abs=1e-3)
     assert hop(settled_at(at), *[(off, True)] * 20, *[(off, False)] * 20) < 1.2
-    # What lasts off the resonance does not lower the bound of what comes at it.
+    # A long drive off the resonance does not lower the bound at it.
     assert hop(settled_at(off), *[(at, True)] * 20) == pytest.approx(3.03, abs=1e-3)
 
 
@@ -580,7 +580,7 @@ def test_ticks_without_a_measurement_are_time_for_the_vibration(ticks: int) -> N
 def test_bound_of_a_softening_plate_uses_resonance_at_the_limit(
     softening: int, lower: float, higher: float
 ) -> None:
-    """5 um of 60 Hz/um; the rest is 2 Hz, a kelvin, and what 0.05 N of a finger make."""
+    """5 um of 60 Hz/um; the rest is 2 Hz, a kelvin, and 0.05 N of a finger."""
     od = stimulator_od()
     od["Model.Softening"].value = softening
     od["Limit.Amplitude by drive"].value = 5000

@@ -104,7 +104,7 @@ def test_bound_from_below_allows_a_finger_of_most_damping(
 
 
 def told_after(volts: float, readings: Iterable[complex], mode: int, watchdog: Watchdog) -> int:
-    """Cycles until a watch trips on what a pick-up reads in um, in turn for ever; or 0."""
+    """Cycles until a watch trips on readings of a pick-up in um, in turn for ever; or 0."""
     watch = Watch()
     nobody = Contact(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, touching=False)
     for cycle, W in zip(range(1, 5000), itertools.cycle(readings)):

@@ -1,4 +1,4 @@
-"""What is looked at in each cycle but the vibration: each bound from both sides."""
+"""Watchdogs of each cycle but those of the vibration: each bound from both sides."""
 
 import math
 
@@ -21,7 +21,7 @@ ZERO = (0.1, -0.2, 0.3, -0.1, 0.05, 0.0)
 
 
 def faults_after(cycles: int, **finger: float) -> int:
-    """What the last of some cycles shows of gauges that tell of one finger."""
+    """The last of some cycles with gauges that tell of one finger."""
     watch = Watch()
     return [look(watch, **finger) for _ in range(cycles)][-1] & (NORMAL | LATERAL | GAUGES)
 
@@ -135,7 +135,7 @@ def seen(
     calibrated: int = 1,
     **calibration: int,
 ) -> int:
-    """What cycles without a zero of the gauges show."""
+    """Watches of cycles without a zero of the gauges."""
     od = stimulator_od()
     for name, raw in {"Plate serial number": calibrated, **calibration}.items():
         od[f"Calibration.{name.replace('_', ' ')}"].value = raw

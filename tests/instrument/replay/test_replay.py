@@ -1,4 +1,4 @@
-"""A replay gives what was recorded, to the bit, and names the first frame that is another.
+"""A replay gives the recorded frames, to the bit, and names the first difference.
 
 The logs are of a stimulator with a plate node, from when both are switched on.
 """
@@ -391,7 +391,7 @@ def test_the_clock_of_a_logger_may_be_another_one() -> None:
 
 
 def test_frames_of_timers_may_wait_for_those_of_the_loop() -> None:
-    """What a timer sends is not urgent: on a full bus the drives of some cycles go before it."""
+    """A frame of a timer is not urgent: on a full bus the drives of some cycles go before it."""
     log = clocked_run()
     pick = random.Random(1)
     stamped = []
@@ -474,7 +474,7 @@ def test_replay_hears_a_start_with_the_frames_behind_it() -> None:
 
 @pytest.mark.parametrize("still_ms", [15, 40, 80])
 def test_a_process_may_stand_still_while_it_says_nothing(still_ms: int) -> None:
-    """It hears what came meanwhile when it goes on, in order: the drive, then the answer."""
+    """It hears the queued frames when it goes on, in order: the drive, then the answer."""
     log = clocked_run()
     measured, drive = places(log, 0x3A1)[0], places(log, DRIVE)[0]
     asked = log[measured][0] + 1
@@ -507,7 +507,7 @@ def test_one_byte_of_a_drive_by_the_clock_is_named(byte: int) -> None:
     assert found.fields[0].name == ("Drive.Voltage", "Drive.Check")[byte == 7]
 
 
-# What a log does not prove is a difference or not judged, and never the same.
+# A frame without proof is a difference or not judged, and never the same.
 
 
 OWN = (DRIVE, 0x0A0, 0x1A0, 0x2A0, 0x3A0, 0x4A0, SDO_FROM, BOOT_UP)
@@ -651,7 +651,7 @@ def test_a_shutdown_in_real_time_is_not_judged() -> None:
     assert first_difference(changed(log, place, 0, 1), lockstep=False).number == place + 1
 
 
-# In real time SYNC of another node, deadlines, and what the node has counted.
+# In real time SYNC of another node, deadlines, and counts of the node.
 
 
 def follower() -> StimulatorNode:

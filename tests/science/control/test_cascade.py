@@ -434,7 +434,7 @@ def test_law_nominal_leaves_a_static_error(mu0):
     cofs = friction_loop(Law.NOMINAL, mu0)
     error = (cofs[-1] - MU_REF) / MU_REF
     assert abs(error) > 0.05
-    # What is left is the error whose step holds the plate where it is.
+    # The rest is the error whose step holds the plate where it is.
     finger = Finger(mu0)
     assert finger.friction(1e-6 + 4e-6 * error) == pytest.approx(cofs[-1], rel=1e-3)
 

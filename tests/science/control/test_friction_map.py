@@ -1,4 +1,4 @@
-"""The friction map of a finger: its shapes, its inverse, and what two levels teach."""
+"""The friction map of a finger: its shapes, its inverse, and learning from two levels."""
 
 import math
 import random

@@ -48,7 +48,7 @@ models = st.builds(
 
 
 def carried_out(procedure, plate):
-    """Run a part of the procedure on a plate; return what it comes to, and its drives."""
+    """Run a part of the procedure on a plate; return its result, and its drives."""
     drives = [next(procedure)]
     while True:
         plate.step(drives[-1])
@@ -152,7 +152,7 @@ def test_a_point_off_the_resonance_is_told_by_how_much(share, least, most):
         _fit_sweep(10.0, points, 1e-12)
     (percent,) = re.findall(r"the sweep is (\d+) %", str(refusal.value))
     assert least <= int(percent) <= most
-    # What is noise is no refusal.
+    # Noise is no refusal.
     _fit_sweep(10.0, points, 0.1 * share * abs(points[8][1]))
 
 
@@ -266,7 +266,7 @@ def test_identification_rests_then_sweeps_twice_at_half_voltage():
     last = max(at for at, drive in enumerate(drives) if drive.voltage != check)
     swept_at = [d.frequency for d in drives if d.voltage == drives[last].voltage]
     assert drives[last].voltage == pytest.approx(2.0 * check)
-    # At its ends the plate vibrates by 1/sqrt(2) of what it does in the middle.
+    # At its ends the plate vibrates by 1/sqrt(2) of its amplitude in the middle.
     for end in (min(swept_at), max(swept_at)):
         ratio = abs(1.0 / complex(1.0, 2.0 * math.pi * plate.model.tau * (end - plate.model.f0)))
         assert ratio == pytest.approx(math.sqrt(0.5), rel=0.01)

@@ -1,4 +1,4 @@
-"""The predictive law: what it learns of a plate, what it asks for, and the closed loop."""
+"""The predictive law: its estimate of a plate, its drive, and the closed loop."""
 
 import cmath
 import math
@@ -96,7 +96,7 @@ def test_a_plate_twice_as_damped_is_one_that_there_may_be():
 def test_the_phase_of_one_tick_tells_the_resonance():
     plate = PlateNow(53e-6, 1060.0, W0 + 2 * math.pi * 200.0, 0.0)
     belief = watched(plate, [30.0])[-1]
-    # From rest, what the drive adds turns as at some three quarters of the amplitude reached.
+    # From rest, the share of the drive turns as at some three quarters of the amplitude reached.
     reached = abs(moved(plate, BUS, 0j, Span(0.0, W0, 30.0, W0)))
     there = belief.w0 - belief.softening * 0.75 * reached
     assert there / (2 * math.pi) == pytest.approx(200.0, abs=15.0)
@@ -196,7 +196,7 @@ def test_prediction_variance_grows_with_size_and_jump():
     steady = MODEL.kappa * 20.0 / MODEL.rate
     large = variance(complex(steady), 20.0, 20.0) - still
     assert large / steady**2 == pytest.approx(_UNMODELLED**2, rel=1e-9, abs=0.0)
-    # What a jump starts of the other oscillation, at twice the frequency, is 1/(2 w0) of it.
+    # The share of the other oscillation in a jump, at twice the frequency, is 1/(2 w0) of it.
     reached = abs(moved(MODEL, BUS, 0j, Span(0.0, W0, 20.0, W0)))
     jump = variance(0j, 0.0, 20.0) - still - (_UNMODELLED * reached) ** 2
     assert jump / (MODEL.kappa * 20.0 / (2.0 * W0)) ** 2 == pytest.approx(1.0)
@@ -227,7 +227,7 @@ def test_one_axis_teaches_as_a_kalman_filter(slopes, innovation, variance):
 
 
 def test_learned_variance_grows_in_10_s_of_damping_in_20_ms():
-    """Of the variance that is left out by then e^-2; what hangs together keeps to it."""
+    """Of the variance that is left out by then e^-2; correlated ones keep to it."""
     sure = PRIOR._replace(kk=0.0, rr=0.0, ww=0.0, ss=0.0)
     for tick in range(10_001):
         if tick == 20:
@@ -271,7 +271,7 @@ def test_drive_is_lost_if_the_one_before_explains_the_error(dead_time):
         False,
         False,
     ]
-    # What is off by next to nothing is no drive that was lost.
+    # A tiny error is no lost drive.
     for change, lost in ((0.9, False), (1.1, True)):
         small = Span(10.0, W0, 10.0 + 50.0 * change * _MISSED_FROM / abs(came - kept), W0)
         still = moved(MODEL, dead_time, W, with_first_only(small))
@@ -513,7 +513,7 @@ def test_the_thermometer_tells_where_the_resonance_starts():
 
 
 def observed_at(temperatures, learned=None):
-    """What is known after so many ticks at rest."""
+    """The estimate after so many ticks at rest."""
     prior = prior_of(PlateModel(), 0.0)
     learned = unlearned(prior) if learned is None else learned
     for temperature in temperatures:
@@ -608,7 +608,7 @@ def test_it_counts_with_the_drive_that_went_out(drive):
         cascade.update(plate.measure(), setpoint())
         cascade.realised(drive)
         plate.step(drive)
-    # What it believes in is the plate, not one that ignores a voltage.
+    # It believes in the plate, not in one that ignores a voltage.
     assert cascade.state.learned.plate.kappa == pytest.approx(50e-9 / 0.944e-3, rel=0.05)
 
 

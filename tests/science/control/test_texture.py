@@ -128,7 +128,7 @@ def test_texture_reference_follows_position_or_time(axis, repeats):
     for share in (0.0, 0.3, 1.6, 2.9, 3.4):
         ticks, place = (round(share * 1e3), 0.0) if axis is Axis.TIME else (7, share * 1e-3)
         assert cof_ahead(texture, ticks, place, 0.0, 0.0) == pytest.approx(table.at(share * 1e6))
-        # What is ahead by a time is where it will be then.
+        # A preview is the place at that time.
         ahead = cof_ahead(texture, ticks, place, SPEED, 0.01)
         way = 10_000.0 if axis is Axis.TIME else SPEED * (0.01 + POSITION_LAG) * 1e9
         assert ahead == pytest.approx(table.at(share * 1e6 + way))

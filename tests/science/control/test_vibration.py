@@ -1,4 +1,4 @@
-"""The functions of the inner loops: the PI without windup, and the limits of what it is given."""
+"""The functions of the inner loops: the PI without windup, and the limits of its input."""
 
 import math
 

@@ -126,7 +126,7 @@ def test_the_first_50_us_of_a_drive_do_not_pass_for_a_detuning():
 @pytest.mark.parametrize("law", [SCHEDULED, PREDICTIVE])
 @pytest.mark.parametrize("dead_time", [0.0, BUS])
 def test_a_finger_that_slams_is_regulated_away_sooner(law, dead_time):
-    """2 N within 3 ms, and off again: worse is what the paper's law makes of it."""
+    """2 N within 3 ms, and off again: the paper's law is worse."""
 
     def slammed(law):
         W = tared(law, Press(2.0, 0.3, 3e-3, 0.4), dead_time).vibrate(300, 1.5e-6)
@@ -188,7 +188,7 @@ def test_predictive_friction_step_is_fast_and_accurate(number):
     curve = up_step(number)
     assert curve[20] < 0.15  # The reference steps here.
     assert curve[23] > 0.8
-    assert curve[26] > 0.85  # What is left is the skin.
+    assert curve[26] > 0.85  # The rest is the skin.
     assert curve[20:].max() < 1.1
     assert curve[60:].std() < 0.05
     assert curve[:20].mean() == pytest.approx(0.0, abs=0.05)

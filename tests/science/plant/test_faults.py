@@ -1,4 +1,4 @@
-"""What breaks, how a broken plate reads, and that mending leaves no trace."""
+"""Faults, the readings of a broken plate, and that mending leaves no trace."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -92,7 +92,7 @@ def test_substeps_behind_a_film_are_enough(monkeypatch):
 
 
 def test_vibration_and_friction_of_a_moving_finger_beat():
-    """At one voltage the load's beat nearly cancels what is felt, so W shows it: by 8 to 11 %."""
+    """At one voltage the load's beat nearly cancels in friction, so W shows it: by 8 to 11 %."""
     speed = 0.04
     plate = make(Trajectory([(0.0, -0.035, 0.5), (1.75, 0.035, 0.5)]), ripple=0.1)
     Ws, mus = [], []

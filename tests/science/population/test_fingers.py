@@ -139,7 +139,7 @@ def test_the_first_passes_are_the_same_whatever_was_asked_before():
 
 
 def drawn_of(plate):
-    """Return what was drawn of a plate that is varied, by the names of the ranges."""
+    """Return the drawn values of a plate that is varied, by the names of the ranges."""
     of, sound = plate.resonator, MODEL_PLATE.resonator
     return {
         "softening": of.softening,

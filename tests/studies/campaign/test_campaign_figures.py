@@ -1,4 +1,4 @@
-"""The picture of a campaign: what it says, and that nothing of it lies on something else."""
+"""The picture of a campaign: its text, and that nothing of it lies on something else."""
 
 from itertools import combinations
 

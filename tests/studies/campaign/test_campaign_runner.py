@@ -1,4 +1,4 @@
-"""A campaign that is run: rows that do not depend on who runs them, and workers that fail."""
+"""A campaign that is run: rows that do not depend on their worker, and workers that fail."""
 
 import subprocess
 import sys
@@ -86,7 +86,7 @@ def test_a_worker_that_fails_ends_it(monkeypatch):
 
 
 def test_few_chunks_are_under_way_at_a_time(monkeypatch):
-    """Memory stays bounded: what is not begun is a range."""
+    """Memory stays bounded: fingers not begun are a range."""
     most, under_way = 0, set()
 
     class Pool:

@@ -78,7 +78,7 @@ def through_nodes(campaign, finger, like, monkeypatch):
 
 @pytest.mark.parametrize(
     ("number", "law", "vibration_law"),
-    # Fingers that do not end in a limit cycle, which would magnify what the objects round.
+    # Fingers that do not end in a limit cycle, which would magnify the rounding of objects.
     [
         (1, Law.MEASURED, VibrationLaw.PI),
         (3, Law.MEASURED, VibrationLaw.PI),
