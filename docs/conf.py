@@ -1,4 +1,4 @@
-"""How the pages become a site: ``tools/site``."""
+"""How the pages become a site: ``tools/docs``."""
 
 from smarttac_can import __version__
 

@@ -2,9 +2,9 @@
 
     python tests/fault_log.py LOG ROWS
 
-LOG and ROWS are what `tools/faults.py --log LOG --json ROWS` has written. Only the name, the mode,
-and the time of the fault are taken from a row without a check. Nothing is imported of what has made
-them: nodes, bench and trials.
+LOG and ROWS are what `tools/pages/faults.py --log LOG --json ROWS` has written. Only the name, the
+mode, and the time of the fault are taken from a row without a check. Nothing is imported of what
+has made them: nodes, bench and trials.
 """
 
 from __future__ import annotations

@@ -95,7 +95,7 @@ def test_page(
         monkeypatch.setattr(Stimulator, "connect", connect)
     monkeypatch.chdir(tmp_path)
     if page.stem == "lab-data":
-        monkeypatch.syspath_prepend(ROOT / "tools")
+        monkeypatch.syspath_prepend(ROOT / "tools" / "pages")
         import_module("lab_data").make_files(tmp_path)
     with simulated() as bench:
         names = {

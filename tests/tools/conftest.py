@@ -17,8 +17,9 @@ def load(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], ModuleType]:
     """Return a function that imports a file of ``tools/`` afresh."""
 
     def loaded(name: str) -> ModuleType:
-        monkeypatch.syspath_prepend(TOOLS)
-        loader = SourceFileLoader(name.removesuffix(".py"), str(TOOLS / name))
+        file = TOOLS / name
+        monkeypatch.syspath_prepend(file.parent)
+        loader = SourceFileLoader(file.stem, str(file))
         spec = spec_from_loader(loader.name, loader)
         assert spec is not None
         module = module_from_spec(spec)

@@ -1,4 +1,4 @@
-"""``tools/bench_realtime``: its figures and its end, not how good a machine is."""
+"""``tools/bench/realtime.py``: its figures and its end, not how good a machine is."""
 
 import json
 import os
@@ -18,13 +18,13 @@ from nodes_on_a_bus import GUARD_S, until
 
 from smarttac_can.canopen.master.errors import BenchError
 
-TOOL = Path(__file__).parents[2] / "tools" / "bench_realtime"
+TOOL = Path(__file__).parents[2] / "tools" / "bench" / "realtime.py"
 QUANTILES = {"p50_us", "p99_us", "p999_us", "p9999_us", "max_us"}
 
 
 @pytest.fixture
 def tool(load: Callable[[str], ModuleType]) -> ModuleType:
-    return load("bench_realtime")
+    return load("bench/realtime.py")
 
 
 @contextmanager
@@ -137,7 +137,7 @@ def test_two_trees_are_compared_by_pairs(tool: ModuleType) -> None:
         ((), "required: --seconds"),
         (("--seconds", "1"), "--seconds 1.0 is below 2"),
         (("--seconds", "5", "--hogs", "-1"), "--hogs -1 is below 0"),
-        (("--seconds", "2", "--against", "{empty}"), "has no tools/bench_realtime"),
+        (("--seconds", "2", "--against", "{empty}"), "has no tools/bench/realtime.py"),
     ],
 )
 def test_wrong_arguments(

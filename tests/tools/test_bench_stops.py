@@ -1,4 +1,4 @@
-"""``tools/bench_stops`` finds a broken bound, and measures one."""
+"""``tools/bench/stops.py`` finds a broken bound, and measures one."""
 
 import sys
 from collections.abc import Callable, Iterator
@@ -13,7 +13,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="priorities of L
 
 @pytest.fixture
 def tool(load: Callable[[str], ModuleType]) -> ModuleType:
-    return load("bench_stops")
+    return load("bench/stops.py")
 
 
 @pytest.fixture

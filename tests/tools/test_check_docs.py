@@ -1,4 +1,4 @@
-"""``tools/check_docs.py`` judges a small tree that was made up."""
+"""``tools/pages/check_docs.py`` judges a small tree that was made up."""
 
 import shutil
 import subprocess
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-TOOLS = Path(__file__).parents[2] / "tools"
+TOOLS = Path(__file__).parents[2] / "tools" / "pages"
 PAGE = """# A title that is no sentence at all
 
 Two words. This one has six words, `a name` included: and [four](README.md) after a colon.
@@ -26,11 +26,11 @@ no sentence either
 
 def judged(tree: Path, page: str, *options: str) -> tuple[int, str]:
     """Exit code and output for a README of its own."""
-    (tree / "tools").mkdir()
+    (tree / "tools" / "pages").mkdir(parents=True)
     for name in ("check_docs.py", "pages.py"):
-        shutil.copy(TOOLS / name, tree / "tools")
+        shutil.copy(TOOLS / name, tree / "tools" / "pages")
     (tree / "README.md").write_text(page, encoding="utf-8")
-    command = [sys.executable, str(tree / "tools" / "check_docs.py"), *options]
+    command = [sys.executable, str(tree / "tools" / "pages" / "check_docs.py"), *options]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert not done.stderr
     return done.returncode, done.stdout

@@ -19,7 +19,7 @@ from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 ROOT = Path(__file__).resolve().parents[2]
 CAUSES = [
     cause
-    for hazard in tomllib.loads((ROOT / "tools" / "hazards.toml").read_text())["hazard"]
+    for hazard in tomllib.loads((ROOT / "tools" / "pages" / "hazards.toml").read_text())["hazard"]
     for cause in hazard["cause"]
 ]
 
@@ -40,10 +40,10 @@ def test_every_watchdog_stands_for_a_hazard() -> None:
 
 @pytest.fixture
 def tool(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.syspath_prepend(str(ROOT / "tools"))
-    import hazards_page  # noqa: PLC0415 - found only now
+    monkeypatch.syspath_prepend(str(ROOT / "tools" / "pages"))
+    import hazards  # noqa: PLC0415 - found only now
 
-    return hazards_page
+    return hazards
 
 
 def row(pages: dict[Path, str], what: str) -> str:
@@ -67,7 +67,7 @@ def test_no_time_and_no_vibration_is_typed_in() -> None:
 
 
 def late_cut(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr("hazards_page.AT_ONCE", 50)
+    patch.setattr("hazards.AT_ONCE", 50)
 
 
 def missed_time(patch: pytest.MonkeyPatch) -> None:
@@ -77,7 +77,7 @@ def missed_time(patch: pytest.MonkeyPatch) -> None:
 
 
 def lax_deadline(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr("hazards_page.NOT_OPERATIONAL_US", 5_000_000)
+    patch.setattr("hazards.NOT_OPERATIONAL_US", 5_000_000)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 FOLDER = Path(__file__).parents[2] / "tools"
 PROGRAMS = [
     path
-    for path in sorted(FOLDER.iterdir())
+    for path in sorted(FOLDER.rglob("*"))
     if path.suffix in ("", ".py")
     and path.is_file()
     and ('__name__ == "__main__"' in (text := path.read_text("utf-8")) or text.startswith("#!"))
@@ -22,7 +22,7 @@ SHELL = {"demo", "environment", "test", "with-vcan-init"}
 @pytest.mark.parametrize(
     "tool",
     [path for path in PROGRAMS if path.name not in SHELL],
-    ids=lambda tool: tool.name,
+    ids=lambda tool: str(tool.relative_to(FOLDER)),
 )
 def test_help_gives_an_example(
     tool: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
@@ -33,8 +33,8 @@ def test_help_gives_an_example(
         subprocess.run([tool, "--help"], check=True)
     else:
         monkeypatch.setattr(sys, "argv", [str(tool), "--help"])
-        monkeypatch.syspath_prepend(str(FOLDER))
+        monkeypatch.syspath_prepend(str(tool.parent))
         with pytest.raises(SystemExit, match=r"^0$"):
             runpy.run_path(str(tool), run_name="__main__")
     example = capfd.readouterr().out.partition("Example: ")[2].split("\n")[0]
-    assert f"tools/{tool.name}" in example
+    assert f"tools/{tool.relative_to(FOLDER)}" in example

@@ -68,10 +68,10 @@ ROWS = runpy.run_path(str(TOOL))["rows"]()
 
 @pytest.mark.parametrize("name", ROWS)
 def test_every_command_takes_its_options(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(TOOL.parent))
     _, *command = runpy.run_path(str(TOOL))["command_of"](ROWS[name])
     if command[0] == "-m":
         command[:2] = [str(ROOT / command[1].replace(".", "/"))]
+    monkeypatch.syspath_prepend(str(Path(command[0]).parent))
     # An option that is not known ends a command before --help is looked at.
     monkeypatch.setattr(sys, "argv", [*command, "--help"])
     with pytest.raises(SystemExit, match=r"^0$"):

@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[3]
 
 @pytest.fixture(scope="module")
 def fuzz() -> ModuleType:
-    loader = SourceFileLoader("fuzz_device", str(ROOT / "tools" / "fuzz_device"))
+    loader = SourceFileLoader("fuzz_device", str(ROOT / "tools" / "assurance" / "fuzz_device"))
     spec = spec_from_loader(loader.name, loader)
     assert spec is not None
     module = module_from_spec(spec)

@@ -32,7 +32,7 @@ weights = st.builds(
 )
 
 
-TOOL = Path(__file__).parents[3] / "tools" / "friction_shapes.py"
+TOOL = Path(__file__).parents[3] / "tools" / "pages" / "shapes.py"
 
 
 def test_the_shapes_are_those_of_the_tool(monkeypatch):

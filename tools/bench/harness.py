@@ -18,7 +18,7 @@ from typing import Any, Final, NoReturn
 import click
 import numpy as np
 
-ROOT: Final = Path(__file__).resolve().parent.parent
+ROOT: Final = Path(__file__).resolve().parents[2]
 DRAWS: Final = 10_000
 """Of the pairs, for the range of a ratio."""
 _ENDING: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)

@@ -1,14 +1,14 @@
-"""Sweep the failures of the sensors, and sum them up in tools/fmeda.json.
+"""Sweep the failures of the sensors, and sum them up in tools/pages/fmeda.json.
 
-    python tools/fmeda.py [--fine] [--random N] [--healthy N] [--seed SEED]
-    python tools/fmeda.py --check
+    python tools/pages/fmeda.py [--fine] [--random N] [--healthy N] [--seed SEED]
+    python tools/pages/fmeda.py --check
 
 What is run: the coarse sweep of `python -m smarttac_can.assurance sensors`, a minute of processor
 time, runs without a failure, and what is asked for besides; then the coarse sweep on plates that
-soften and were identified. Then tools/reference.py makes the pages. A check runs the coarse sweep
-alone: it has to keep the promise, and to come to what the file says.
+soften and were identified. Then tools/pages/reference.py makes the pages. A check runs
+the coarse sweep alone: it has to keep the promise, and to come to what the file says.
 
-Example: python tools/fmeda.py --fine --healthy 5000 --seed 7
+Example: python tools/pages/fmeda.py --fine --healthy 5000 --seed 7
 """
 
 from __future__ import annotations
@@ -275,7 +275,7 @@ def check() -> int:
     then = summed_up()["sweeps"][0]
     print(f"{now['cells']} cells, {now['violations']} violations")
     if now != then:
-        print(f"{SUMMARY.name} is stale, {then} is now {now}: run tools/fmeda.py as fmeda.md says")
+        print(f"{SUMMARY.name} is stale, {then} is now {now}: run {__file__} as fmeda.md says")
     return 1 if now["violations"] or now != then else 0
 
 
@@ -308,7 +308,7 @@ def main(*, fine: bool, drawn: int, healthy: int, seed: int, checks: bool) -> No
         sweeps.append(swept(f"coarse, {each:g} Hz/um", COARSE_SEED, cells)[0])
     runs = healthy_runs(healthy, seed)
     made = {
-        "command": f"tools/fmeda.py {'--fine ' * fine}--random {drawn} --healthy {healthy} "
+        "command": f"tools/pages/fmeda.py {'--fine ' * fine}--random {drawn} --healthy {healthy} "
         f"--seed {seed}",
         "promise": PROMISES._asdict(),
         "sweeps": sweeps,

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """What a cycle of the loop costs, against real time or against another tree.
 
-    tools/bench [--against TREE] [--pairs N] [--ticks N] [--json]
+    tools/bench/cycle.py [--against TREE] [--pairs N] [--ticks N] [--json]
 
 The loop regulates friction under a sliding finger, with the default mappings and all watchdogs, on
 the local link and over the bus with two nodes. Each run is a process of its own. Given are the
@@ -14,7 +14,7 @@ compiled package. Given are both costs, their ratio (this tree / other tree), an
 interval. The exit code is 1 as well if the trees do not record the same: the SHA-256 of their
 traces is compared, too.
 
-Example: tools/bench --against ../before --pairs 7
+Example: tools/bench/cycle.py --against ../before --pairs 7
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from typing import Final
 
 from smarttac_can.canopen.od.object_reference import table
 
-DOCS: Final = Path(__file__).resolve().parent.parent / "docs"
+DOCS: Final = Path(__file__).resolve().parents[2] / "docs"
 EXPLANATION: Final = DOCS / "explanation"
 REFERENCE: Final = DOCS / "reference"
 _FIELD: Final = re.compile(r"(<!-- (\w+) -->)(.*?)(<!-- / -->)", re.DOTALL)

@@ -1,6 +1,6 @@
 """Write docs/reference and the hazards from their sources; --check fails when a page is stale.
 
-Example: python tools/reference.py --check
+Example: python tools/pages/reference.py --check
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Any, Final, NamedTuple
 
 import click
 from fmeda import fmeda_page
-from hazards_page import hazards_page
+from hazards import hazards_page
 from pages import REFERENCE, Pages, columns, made, renewed
 
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
@@ -48,7 +48,7 @@ from smarttac_can.vocabulary.states import (
 from smarttac_can.vocabulary.watchdogs import FORGOTTEN, WATCHDOGS, Watchdog
 
 NODES = (("stimulator.eds", STIMULATOR_ID), ("plate.eds", PLATE_ID))
-PACKAGE: Final = Path(__file__).resolve().parent.parent / "smarttac_can"
+PACKAGE: Final = Path(__file__).resolve().parents[2] / "smarttac_can"
 FACES: Final = (
     "bench", "vocabulary", "instrument.nodes", "host", "canopen.bus", "canopen.device",
     "canopen.od", "canopen.master", "science.plant", "science.control", "canopen.commissioning",
@@ -354,7 +354,7 @@ def python_pages() -> Iterator[tuple[str, str]]:
         "These packages name what you can import, such as `from smarttac_can.bench import "
         "Stimulator`. Names in other modules may change in any version.",
         "",
-        "These pages are made by `tools/reference.py` from the docstrings: change those.",
+        "These pages are made by `tools/pages/reference.py` from the docstrings: change those.",
         "",
     ]
     yield "python.md", "\n".join([*lines, *table(("Package", "What it is"), *rows)])

@@ -4,7 +4,7 @@ In the pages that users read (README, tutorial, how-to, explanation) a sentence 
 average at most, and 3 in 100 have more than 30. Code, tables and headings are not counted. A page
 of how-to has 1200 words at most; here code and tables count, and a word has a letter or a digit.
 
-Example: python tools/check_docs.py --words
+Example: python tools/pages/check_docs.py --words
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Final
 
 from pages import parser_of
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 LINK = re.compile(r"\[[^\]]*\]\(([^)#\s]+)(?:#[^)]*)?\)")
 MEAN_WORDS: Final = 18
 LONG_WORDS: Final = 30

@@ -1,11 +1,11 @@
 """Fill docs/reference/conformance.md: every case, and what our device and two others make of it.
 
-    python tools/conformance.py [--check]
+    python tools/pages/conformance.py [--check]
 
 Each device is built from tests/eds/rich.eds. Ours runs in device time, python-canopen's LocalNode
 and durand (`pip install durand`) in real time over python-can's virtual bus; ten minutes in all.
 
-Example: python tools/conformance.py --check
+Example: python tools/pages/conformance.py --check
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from smarttac_can.canopen.od.object_reference import table
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.instrument.nodes.device_node import DeviceNode
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 EDS = ROOT / "tests" / "eds" / "rich.eds"
 NODE_ID = 5
 TIME_OUT_S = 0.5

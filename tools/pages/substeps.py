@@ -7,7 +7,7 @@ a plate whose dead time is 0.1 us longer than the controllers assume: how far a 
 moves these figures. A finger is chaotic if 64 and 65 sub-steps differ by more than is allowed: no
 number of sub-steps gives its figures.
 
-Example: python tools/skin_steps.py --fingers 400
+Example: python tools/pages/substeps.py --fingers 400
 """
 
 from __future__ import annotations

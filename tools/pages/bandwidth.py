@@ -1,6 +1,6 @@
 """Measure how fast the COF follows its reference, and write docs/reference/bandwidth.md; minutes.
 
-Two processes share the work. Example: python tools/bandwidth.py --check --seed 2
+Two processes share the work. Example: python tools/pages/bandwidth.py --check --seed 2
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Run the paper's experiments, and make tables and figures of docs/explanation/results.md; minutes.
 
-Example: python tools/results.py
+Example: python tools/pages/results.py
 """
 
 from __future__ import annotations

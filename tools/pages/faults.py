@@ -1,12 +1,12 @@
 """Fill docs/reference/faults.md from the fault matrix; --check fails when a row is another one.
 
-    python tools/faults.py [--check] [--hold CYCLES] [--log LOG --json ROWS]
+    python tools/pages/faults.py [--check] [--hold CYCLES] [--log LOG --json ROWS]
 
 A check holds each fault for 1000 cycles by default, a table is made with 10 000. Either
 also fails if a watchdog trips in no row of a mode. LOG and ROWS are for
 `python tests/fault_log.py`.
 
-Example: python tools/faults.py --check --hold 200
+Example: python tools/pages/faults.py --check --hold 200
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Fit the fingers of `smarttac reproduce table1 --subjects fitted` to Table I, and print them.
 
-python tools/fit_fingers.py [SUBJECT ...]
+python tools/pages/fingers.py [SUBJECT ...]
 
 Free are four parameters a subject, `FREE`: characteristic amplitude of the friction map, damping
 that the finger adds to the mode, pressing force and speed. Two numbers a subject are aimed at: rise
@@ -15,7 +15,7 @@ shorter after one that was not, looks for the least. Nothing depends on anything
 same machine prints the same fingers. They are checked with other seeds, in
 tests/studies/paper/test_fitted.py.
 
-Example: python tools/fit_fingers.py 2
+Example: python tools/pages/fingers.py 2
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The tables of hazards, from tools/hazards.toml; what each reaches is computed from the code."""
+"""The tables of hazards, from hazards.toml; what each reaches is computed from the code."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ from smarttac_can.vocabulary import watchdogs
 from smarttac_can.vocabulary.signals import DRIVE_RPDO, HARDWARE_RPDO, SHORT_DEADLINE_MS, TICK_US
 
 HAZARDS = Path(__file__).resolve().parent / "hazards.toml"
-MATRIX = HAZARDS.parent.parent / "docs" / "reference" / "faults.md"
-CI = HAZARDS.parent.parent / ".ci" / "run"
+MATRIX = HAZARDS.parents[2] / "docs" / "reference" / "faults.md"
+CI = HAZARDS.parents[2] / ".ci" / "run"
 _PLATE = ResonatorParameters()
 _TRIP = "Limit.Amplitude trip"
 _VOLTAGE = "Limit.Voltage"

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """How long the plate keeps a voltage after something has happened, measured at its stage.
 
-    python tools/bench_stops [--realtime P] [--repeats N] [--json]
+    python tools/bench/stops.py [--realtime P] [--repeats N] [--json]
 
 Plate, stimulator and a bench that drives 40 V in open loop are processes of their own over
 udp_multicast, in real time, new ones for each repeat of each case. The stage's voltage is read by
@@ -12,7 +12,7 @@ machine together, as sleepers of a higher priority have seen it in that repeat. 
 does not live to see is not measured, and said. Linux only; exit code 1 if a bound was broken, or
 0 V did not last.
 
-Example: python tools/bench_stops --repeats 5
+Example: python tools/bench/stops.py --repeats 5
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Measure how textures are followed, and make the tables of docs/explanation/textures.md; minutes.
 
-Example: python tools/textures.py
+Example: python tools/pages/textures.py
 """
 
 from __future__ import annotations

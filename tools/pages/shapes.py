@@ -1,6 +1,6 @@
 """Print the shapes of friction maps that `smarttac_can/science/control/friction_map.py` holds.
 
-python tools/friction_shapes.py
+python tools/pages/shapes.py
 
 Fingers are drawn at random, each at a force and a speed of its own, and ``ln mu(W) - ln mu(0)`` is
 taken at the nodes. The mean over all fingers is the first line; then come the components that
@@ -8,7 +8,7 @@ explain most of what is left (principal components), each for a weight of one st
 Maps that span less than 0.13 between 0.25 and 2.5 um are drawn again: no two references 0.1 apart
 are in their reach.
 
-Example: python tools/friction_shapes.py
+Example: python tools/pages/shapes.py
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """How well the loop keeps real time on this machine, for as long as you like.
 
-    python tools/bench_realtime --seconds S [--realtime P] [--deadline MS] [BESIDE] [--json]
-    python tools/bench_realtime --seconds S --against TREE [--pairs N] [BESIDE] [--json]
+    python tools/bench/realtime.py --seconds S [--realtime P] [--deadline MS] [BESIDE] [--json]
+    python tools/bench/realtime.py --seconds S --against TREE [--pairs N] [BESIDE] [--json]
 
 Plate, stimulator and a bench that records are processes of their own over udp_multicast. The bench
 starts a run, tares, regulates the friction of a finger for 5 s and stops, again and again; a fault
@@ -24,7 +24,7 @@ block transfer, with python-canopen. Its rates are shares of the bare one, that 
 and receive of one frame after the other; a transfer that fails or changes the data is an error.
 With `--against .` each pair is the loop with panel and client, and without.
 
-Example: python tools/bench_realtime --seconds 600 --hogs 4
+Example: python tools/bench/realtime.py --seconds 600 --hogs 4
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ SHORTEST_S = 0.5
 SETTLED_TICKS = 1000
 COF_BAND = 0.05
 HERE = Path(__file__).resolve()
-TOOL = f"tools/{HERE.name}"
+TOOL = "tools/bench/realtime.py"
 NICE = -10
 PAUSE_S = 0.2
 STARTING_S, PARTING_S = 60.0, 10.0

@@ -2,7 +2,7 @@
 
 The forms are those of the format pages that docs/how-to/lab-data.md names; the numbers are made up.
 
-Example: python tools/lab_data.py /tmp/sets --draw
+Example: python tools/pages/lab_data.py /tmp/sets --draw
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from smarttac_can.bench import Stimulator, Texture
 from smarttac_can.bench.drawing import INK, RED, canvas
 
 Samples = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
-PICTURE = Path(__file__).resolve().parents[1] / "docs" / "images" / "lab-data.png"
+PICTURE = Path(__file__).resolve().parents[2] / "docs" / "images" / "lab-data.png"
 
 
 def make_files(folder: Path) -> dict[str, Samples]:

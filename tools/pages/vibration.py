@@ -2,7 +2,7 @@
 
 The cost of an update is that on this machine, so --check finds another one.
 
-Example: python tools/vibration.py
+Example: python tools/pages/vibration.py
 """
 
 from __future__ import annotations
