@@ -11,7 +11,7 @@ CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "smar
 
 
 def fetched(name: str, *packages: str) -> Path:
-    """Return the folder in which packages, and what they need, are unpacked the first time.
+    """Return the folder in which packages, and their dependencies, are unpacked the first time.
 
     Raises
     ------

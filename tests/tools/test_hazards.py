@@ -24,7 +24,7 @@ CAUSES = [
 ]
 
 
-@pytest.mark.parametrize("cause", CAUSES, ids=[cause["what"] for cause in CAUSES])
+@pytest.mark.parametrize("cause", CAUSES, ids=[cause["name"] for cause in CAUSES])
 def test_the_tests_of_a_cause_exist(cause: dict[str, list[str]]) -> None:
     assert cause["tests"]
     for test in cause["tests"]:
@@ -60,7 +60,7 @@ def test_hazards_page_is_up_to_date(tool: ModuleType) -> None:
 def test_no_time_and_no_vibration_is_typed_in() -> None:
     for cause in CAUSES:
         typed = re.findall(r"\b\d+(?:\.\d+)? (?:cycles?|ms|um|s|%)(?!\w)", cause["bound"])
-        assert not typed, cause["what"]
+        assert not typed, cause["name"]
         until = cause["until"]
         assert isinstance(until, list) or until in ("at once", "for ever", "no drive")
         assert "reached" not in cause
@@ -160,6 +160,6 @@ def test_hazard_residual_is_the_finding_of_the_sweep(
 def test_hazard_without_residual_cites_a_sweep_or_attack() -> None:
     for cause in CAUSES:
         residual = cause["residual"]
-        assert "none known" not in residual, cause["what"]
+        assert "none known" not in residual, cause["name"]
         if residual.startswith(("none", "nothing")):
-            assert "{" in residual, cause["what"]
+            assert "{" in residual, cause["name"]

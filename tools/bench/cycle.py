@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What a cycle of the loop costs, against real time or against another tree.
+"""The cost of a cycle of the loop, against real time or against another tree.
 
     tools/bench/cycle.py [--against TREE] [--pairs N] [--ticks N] [--json]
 

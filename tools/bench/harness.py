@@ -1,4 +1,4 @@
-"""What the measuring tools share: options, a bus, runs of two trees by turns, ratios, printing.
+"""Common parts of measuring tools: options, a bus, runs of two trees by turns, ratios, printing.
 
 It names nothing of the package, so a tool may measure an older tree.
 """
@@ -25,7 +25,7 @@ _ENDING: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def parser_of(text: str | None, *, realtime: bool = False) -> argparse.ArgumentParser:
-    """Return a parser with what all measuring tools have; the text is that of the tool."""
+    """Return a parser with the options of all measuring tools; the text is that of the tool."""
     parser = argparse.ArgumentParser(
         description=text, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -59,12 +59,12 @@ def own_bus(channel: str) -> dict[str, Any]:
         "interface": "udp_multicast",
         "channel": channel,
         "port": 40000 + os.getpid() % 20000,
-        "hop_limit": 0,  # what plain python-can sends stays on this computer as well
+        "hop_limit": 0,  # frames of plain python-can stay on this computer as well
     }
 
 
 def finished(measure: Callable[[], int], *errors: type[Exception]) -> int:
-    """Measure, and return the exit code: 1 for what could not be measured, with the reason.
+    """Measure, and return the exit code: 1 for a failed measurement, with the reason.
 
     A signal ends all processes that the tool has begun, and itself by 128 and the signal.
     """
@@ -100,7 +100,7 @@ def results_in(tree: Path, tool: str | Path, *arguments: str) -> Any:
 
 
 def by_turns(runs: Sequence[Callable[[], Any]], turns: int) -> list[list[Any]]:
-    """Run each once a turn, in reverse every second turn, and return what each gave."""
+    """Run each once a turn, in reverse every second turn, and return the results of each."""
     results: list[list[Any]] = [[] for _ in runs]
     with click.progressbar(range(turns), label="turns", file=sys.stderr) as bar:
         for turn in bar:

@@ -17,7 +17,7 @@ runs of each tree, their ratio (this tree / other tree), and the 95 % bootstrap 
 ratio. The interval is left out where a resample of the other tree sums to 0. Processor time is user
 + system per tick.
 
-BESIDE is what else runs: `--hogs N` processes that keep the cores busy; `--panel`, a `smarttac
+BESIDE names other load: `--hogs N` processes that keep the cores busy; `--panel`, a `smarttac
 panel` with a page that answers each update as a browser does; `--sdo BYTES`, a client that reads an
 object of the stimulator, and moves so many bytes to and from a plain device on the same bus by
 block transfer, with python-canopen. Its rates are shares of the bare one, that of a python-can send
@@ -99,9 +99,9 @@ TOOL = "tools/bench/realtime.py"
 NICE = -10
 PAUSE_S = 0.2
 STARTING_S, PARTING_S = 60.0, 10.0
-"""Most time for what starts and ends around a run, and for a process that has been told to end."""
+"""Most time for the start and end of a run, and for a process that has been told to end."""
 LAG_MS = 20
-"""By how much longer a standstill takes effect: a node that comes late hears what has queued."""
+"""By how much longer a standstill takes effect: a node that comes late hears its queue."""
 EMCY_IDS = frozenset(EMCY_ID + node_id for node_id in (PLATE_ID, STIMULATOR_ID))
 RICH_EDS = ROOT / "tests" / "eds" / "rich.eds"
 DEVICE_ID = 5
@@ -113,7 +113,7 @@ READS = 200
 SEGMENT = 7
 SUB_BLOCK = 127
 Beside = tuple[dict[str, int], Callable[[], dict[str, Any]]]
-"""Process IDs by name, and what gives the figures until now."""
+"""Process IDs by name, and the source of the figures until now."""
 
 
 class Trip(NamedTuple):
@@ -126,7 +126,7 @@ class Trip(NamedTuple):
 
 @dataclass
 class Tally:
-    """What the bench has seen."""
+    """Figures of the bench."""
 
     deadline_ms: dict[str, int] = field(default_factory=dict)
     cycles_recorded: int = 0
@@ -293,7 +293,7 @@ def sdo_beside(size: int) -> Iterator[Beside]:
 
 
 def be_client(size: int, pipe: Connection) -> None:
-    """Send the bare rate, then the figures of each round, or what went wrong."""
+    """Send the bare rate, then the figures of each round, or the error."""
     od = load_eds(RICH_EDS.read_text(encoding="ascii"), DEVICE_ID)
     domain = next(e for e in od if e.data_type.name == "DOMAIN" and e.writable)
     cof = stimulator_od()["Contact.COF"]
@@ -364,7 +364,7 @@ def cpu_seconds(pid: int) -> float:
 
 @contextmanager
 def bounded(seconds: float) -> Iterator[None]:
-    """Raise BenchError in whatever waits after so many seconds, and in what waits on after that."""
+    """Raise BenchError in any wait after so many seconds, and again in the next ones."""
 
     def late(_number: int, _frame: FrameType | None) -> None:
         raise BenchError(f"the run has not ended after {seconds:.0f} s")
@@ -407,7 +407,7 @@ def measured(arguments: argparse.Namespace) -> dict[str, Any]:
             pids |= others
         if realtime is not None:
             # Bench and listener have to keep up beside the hogs; with SCHED_FIFO they would take
-            # what the kernel leaves to such processes in all.
+            # the share that the kernel leaves to such processes in all.
             with suppress(PermissionError):
                 os.setpriority(os.PRIO_PROCESS, 0, NICE)
         here, there = multiprocessing.get_context("fork").Pipe()
@@ -426,7 +426,7 @@ def measured(arguments: argparse.Namespace) -> dict[str, Any]:
 
         bar = click.progressbar(length=int(arguments.seconds), label="loop", file=sys.stderr)
         with listening(BUS, timing.can_ids | EMCY_IDS, feed), bar:
-            machine.forget()  # what started took its time
+            machine.forget()  # the start took its time
             while not here.poll(SHORTEST_S) and bench.is_alive():
                 for node in nodes.values():
                     node.require_alive()
@@ -461,7 +461,7 @@ def explained(tally: Tally, emergencies: list[float], machine: Machine) -> dict[
 
 
 def shown(machine: Machine) -> dict[str, Any]:
-    """Return what the machine itself did."""
+    """Return the figures of the machine itself."""
     longest = [round(late * 1e6, 1) for late in machine.longest_s]
     standstills = machine.standstills
     return {
@@ -475,7 +475,7 @@ def shown(machine: Machine) -> dict[str, Any]:
 
 
 def tallied(tally: Tally) -> dict[str, Any]:
-    """Return what the bench has seen, with the share of the cycles that ran."""
+    """Return the figures of the bench, with the share of the cycles that ran."""
     share = tally.cycles_running / tally.cycles_recorded if tally.cycles_recorded else 0.0
     errors = tally.cof_error
     return asdict(tally) | {
@@ -485,7 +485,7 @@ def tallied(tally: Tally) -> dict[str, Any]:
 
 
 def timed(timing: LoopTiming) -> dict[str, Any]:
-    """Return what the listener has seen."""
+    """Return the figures of the listener."""
     if not timing.ran:
         raise BenchError("the loop never ran: no drive came")
     return {
@@ -506,7 +506,7 @@ def quantiles(delays: Delays) -> dict[str, int]:
 
 
 def judged(results: dict[str, Any]) -> None:
-    """Raise BenchError if what was measured is not the regulated loop."""
+    """Raise BenchError if another loop than the regulated one was measured."""
     if not results["cycles_running"]:
         reasons = [trip["message"] for trip in results["trips"]] + results["refused"]
         raise BenchError(f"the loop never ran: {reasons[-1] if reasons else 'no time'}")
@@ -516,7 +516,7 @@ def judged(results: dict[str, Any]) -> None:
 
 
 def against(tree: Path, arguments: argparse.Namespace) -> dict[str, Any]:
-    """Run the tool of another tree and this one by turns, and return what is compared."""
+    """Run the tool of another tree and this one by turns, and return the compared figures."""
     options = ["--seconds", str(arguments.seconds), "--hogs", str(arguments.hogs), "--json"]
     for name in ("realtime", "deadline"):
         if (value := getattr(arguments, name)) is not None:
@@ -551,7 +551,7 @@ def compared(other: list[dict[str, Any]], here: list[dict[str, Any]]) -> dict[st
 
 
 def figures(run: dict[str, Any]) -> dict[str, float]:
-    """Return what is compared of a run."""
+    """Return the compared figures of a run."""
     tick_us = run["seconds"] * 1e6 / run["ticks"]
     return {
         "plate_us": run["cpu_share"]["plate"] * tick_us,

@@ -5,7 +5,7 @@
 
 Plate, stimulator and a bench that drives 40 V in open loop are processes of their own over
 udp_multicast, in real time, new ones for each repeat of each case. The stage's voltage is read by
-SDO as fast as it goes. What is given is when the first reading of 0 V had come; the stage was at
+SDO as fast as it goes. The figure is the time of the first reading of 0 V; the stage was at
 0 V at some time after the last reading above 0 V was asked for, which is the uncertainty: a bound
 is broken if that reading was asked for later than the bound and the longest standstill of the
 machine together, as sleepers of a higher priority have seen it in that repeat. What the loop
@@ -119,7 +119,7 @@ def flood(can_id: int, count: Any) -> None:
 
 @dataclass
 class Scene:
-    """A loop that drives, and who watches its stage."""
+    """A loop that drives, and the watch over its stage."""
 
     watch: StageWatch
     nodes: dict[str, NodeProcess]
@@ -262,14 +262,14 @@ def flooded(node_id: int, can_id: int) -> Act:
 
 
 class Case(NamedTuple):
-    """What happens, and within which time after it the stage has to be at 0 V."""
+    """An event, and the time after it within which the stage has to be at 0 V."""
 
     name: str
     bound_ms: int | None
     """None for the deadline of the plate, 1400h sub-index 5."""
     act: Act
     earliest_ms: int = 0
-    """What ends the loop sooner is another watch."""
+    """A sooner end of the loop is by another watch."""
 
 
 CASES = (

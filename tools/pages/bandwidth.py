@@ -56,7 +56,7 @@ FINGERS: Final = 200
 
 
 class Condition(NamedTuple):
-    """What regulates."""
+    """A controller of the page."""
 
     name: str
     mode: Mode
@@ -96,7 +96,7 @@ class Answer(NamedTuple):
 def answer(
     what: Condition, subject: int, speed: float, swing: float, frequency: int, seed: int
 ) -> Answer:
-    """Stroke for 3 s while the reference is a sine, and fit one to what slides steadily.
+    """Stroke for 3 s while the reference is a sine, and fit one to the steady slide.
 
     Parameters
     ----------
@@ -215,7 +215,7 @@ def hertz(values: Sequence[float]) -> str:
 
 
 def name(what: Condition) -> tuple[str, str]:
-    """Return what a row begins with."""
+    """Return the first cells of a row."""
     return what.name, f"{1e6 * what.dead_time:.0f}"
 
 

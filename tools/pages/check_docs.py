@@ -46,7 +46,7 @@ def broken_links(document: Path) -> list[str]:
 
 
 def sentence_lengths(text: str) -> Iterator[int]:
-    """Yield the words of each sentence of a page; what stands alone, like a label, is none."""
+    """Yield the words of each sentence of a page; a word alone, like a label, is none."""
     for block in _BLOCKS.split(_NOT_READ.sub("", _CODE.sub("\n\n", text))):
         lines = [line.strip() for line in block.splitlines()]
         prose = " ".join(line for line in lines if not line.startswith(_NO_PROSE))
@@ -66,7 +66,7 @@ def words(page: Path) -> int:
 
 
 def too_long() -> Iterator[str]:
-    """Name what has more words than it may have."""
+    """Name each page with too many words."""
     for page in sorted((ROOT / "docs" / "how-to").glob("*.md")):
         count = words(page)
         if count > MOST_WORDS:
@@ -81,7 +81,7 @@ def user_pages() -> list[Path]:
 
 
 def main() -> int:
-    """Print what is wrong and return 1 if something is."""
+    """Print the errors, and return 1 if there are any."""
     parser = parser_of(__doc__)
     parser.add_argument("--words", action="store_true", help="print the figures of each page")
     arguments = parser.parse_args()

@@ -1,4 +1,4 @@
-"""Fill docs/reference/conformance.md: every case, and what our device and two others make of it.
+"""Fill docs/reference/conformance.md: every case, and its verdict on our device and two others.
 
     python tools/pages/conformance.py [--check]
 
@@ -151,7 +151,7 @@ MARKS = {"pass": "", "fail": " fails", "not applicable": " n/a"}
 
 
 def fields(columns: dict[str, list[Result]]) -> dict[str, str | Iterable[str]]:
-    """Return what stands in the fields of the page."""
+    """Return the fields of the page."""
     rows = []
     for letter, (name, results) in zip("ABC", columns.items(), strict=True):
         counts = Counter(result.verdict for result in results)
@@ -166,7 +166,7 @@ def fields(columns: dict[str, list[Result]]) -> dict[str, str | Iterable[str]]:
 
 
 def refusal_table() -> Iterator[str]:
-    """Return what a device refuses, and by which abort codes."""
+    """Return the refusals of a device, and their abort codes."""
     head = ("Request", "Cases", "Accepted abort codes", "By")
     rows = [
         (row.what, row.cases, ", ".join(f"{code:08X}h" for code in row.codes), row.source)
@@ -176,7 +176,7 @@ def refusal_table() -> Iterator[str]:
 
 
 def case_tables(columns: dict[str, list[Result]]) -> Iterator[str]:
-    """Return the cases of each group, and who did not pass them."""
+    """Return the cases of each group, and the devices that did not pass them."""
     lines = zip(CASES, *columns.values(), strict=True)
     for group, cases in groupby(lines, key=lambda line: line[0].group):
         rows = []

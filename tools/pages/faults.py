@@ -53,7 +53,7 @@ CHECK_HOLD_CYCLES = 1000
 def fields(
     rows: list[FaultRow], reached: dict[tuple[str, str], float]
 ) -> dict[str, str | Iterable[str]]:
-    """Return what stands in the fields of the page."""
+    """Return the fields of the page."""
     ways = dict.fromkeys(way for _, way in reached)
     return {
         "hold_cycles": str(HOLD_CYCLES),
@@ -107,7 +107,7 @@ def _range(cycles: Iterable[int | None]) -> str:
 
 
 def _digest(rows: Iterable[FaultRow]) -> str:
-    """Return what changes with any row as it is shown, whatever its mode."""
+    """Return the changes with any row as it is shown, in every mode."""
     shown = [
         (
             row.fault,
@@ -127,7 +127,7 @@ def _digest(rows: Iterable[FaultRow]) -> str:
 def _alike(
     reached: dict[tuple[str, str], float], ways: Iterable[str]
 ) -> dict[tuple[str, ...], list[str]]:
-    """Return the faults that are not seen by what they reach in each way."""
+    """Return the faults that are not seen, with their largest effect in each mode."""
     found: dict[tuple[str, ...], list[str]] = {}
     for case in NOT_SEEN:
         um = tuple(_reached(reached, case.name, way) for way in ways)
@@ -154,7 +154,7 @@ def _instead(cases: Iterable[FaultCase]) -> dict[tuple[str, str, str], list[str]
 
 
 def _first(case: FaultCase) -> str:
-    """Name what trips first, where it is not the watchdog of the name."""
+    """Name the watchdog that trips first, where it is not that of the name."""
     first = dict.fromkeys(case.instead.values() or [case.watchdog])
     return ", ".join(watchdog.name.lower().replace("_", " ") for watchdog in first if watchdog)
 

@@ -8,8 +8,8 @@ time and overshoot of the mean curve of the up-steps. Friction without vibration
 the range that the paper gives, at the finger's own force and speed; all else is that of the preset
 in its place.
 
-The objective is the sum of two squares: what rise time and overshoot, as means over `SEEDS`, are
-off the paper's, in units of 0.5 ms and of 5 % of the step. A finger that cannot reach its
+The objective is the sum of two squares: the differences of rise time and overshoot, as means over
+`SEEDS`, from the paper's, in units of 0.5 ms and of 5 % of the step. A finger that cannot reach its
 references, or chatters, is out. A random walk from `START`, longer after a step that was better and
 shorter after one that was not, looks for the least. Nothing depends on anything but the seeds: the
 same machine prints the same fingers. They are checked with other seeds, in
@@ -55,7 +55,7 @@ FREE: Final[Mapping[str, tuple[float, float]]] = {
     "force": (0.3, 1.6),
     "speed": (20e-3, 100e-3),
 }
-"""What is free, with its bounds, SI."""
+"""Free values with their bounds, SI."""
 START: Final = {
     1: (1.9e-6, 13.0, 0.53, 70e-3),
     2: (2.44e-6, 8.0, 0.476, 35.8e-3),
@@ -74,7 +74,7 @@ Values = Mapping[str, float]
 
 
 class Figures(NamedTuple):
-    """What a finger gave: rise time in ms, overshoot in % of the step, chatter."""
+    """Results of a finger: rise time in ms, overshoot in % of the step, chatter."""
 
     rise: float
     overshoot: float
@@ -139,7 +139,7 @@ def figures(number: int, values: Values) -> Figures:
 
 
 def objective(number: int, values: Values) -> tuple[float, Figures | None]:
-    """Return what is to be least, infinite for a finger that is out, and the figures behind it."""
+    """Return the objective, infinite for a finger that is out, and the figures behind it."""
     try:
         found = figures(number, values)
     except (ValueError, UndefinedError):

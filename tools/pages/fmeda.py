@@ -3,10 +3,10 @@
     python tools/pages/fmeda.py [--fine] [--random N] [--healthy N] [--seed SEED]
     python tools/pages/fmeda.py --check
 
-What is run: the coarse sweep of `python -m smarttac_can.assurance sensors`, a minute of processor
-time, runs without a failure, and what is asked for besides; then the coarse sweep on plates that
+The runs: the coarse sweep of `python -m smarttac_can.assurance sensors`, a minute of processor
+time, runs without a failure, and the options given; then the coarse sweep on plates that
 soften and were identified. Then tools/pages/reference.py makes the pages. A check runs
-the coarse sweep alone: it has to keep the promise, and to come to what the file says.
+the coarse sweep alone: it has to keep the promise, and to give the figures of the file.
 
 Example: python tools/pages/fmeda.py --fine --healthy 5000 --seed 7
 """
@@ -71,7 +71,7 @@ _FACTORS = {
 
 
 class Found(NamedTuple):
-    """What some rows of the sweep have come to."""
+    """Results of some rows of the sweep."""
 
     cells: int
     violations: int
@@ -95,7 +95,7 @@ def summed_up() -> dict[str, Any]:
 
 
 def row_of_factor(factor: str) -> Callable[[Result], str]:
-    """Return what names the row of a result by a factor of its cell, such as ``motion``."""
+    """Return the name of the row of a result by a factor of its cell, such as ``motion``."""
     names = _FACTORS[factor]
 
     def row_of(result: Result) -> str:
@@ -213,7 +213,7 @@ def _lift(row: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def swept(name: str, seed: int, cells: Sequence[Cell]) -> tuple[dict[str, Any], list[Result]]:
-    """Run cells; return what the file says of the sweep, and the results."""
+    """Run cells; return the sweep as in the file, and the results."""
     with progress_bar(f"{name} cells") as progress:
         results = list(in_order(run_cell, cells, JOBS, progress))
     for result in results:
@@ -258,7 +258,7 @@ def lifts() -> list[dict[str, Any]]:
 
 
 def healthy_runs(count: int, seed: int) -> dict[str, Any]:
-    """Run without a failure; return what the file says of it."""
+    """Run without a failure; return the entry of the file."""
     with progress_bar("healthy runs") as progress:
         seeds = range(seed, seed + count)
         runs = list(in_order(healthy_run, seeds, JOBS, progress))

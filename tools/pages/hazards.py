@@ -1,4 +1,4 @@
-"""The tables of hazards, from hazards.toml; what each reaches is computed from the code."""
+"""The tables of hazards, from hazards.toml; their bounds are computed from the code."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _TRIP = "Limit.Amplitude trip"
 _VOLTAGE = "Limit.Voltage"
 _REACHED = "Reached [um]"
 _IN_TEXT = ("A", "BY_DRIVE", "V", "K", "tau", "d", "f0", "DEADLINE", "SHORT_DEADLINE")
-"""What the text of the page names besides."""
+"""Other names in the text of the page."""
 _JOULE_FROM_MJ = 100.0
 
 
@@ -46,7 +46,7 @@ def hazards_page() -> Pages:
     lines: list[str] = []
     for hazard in source["hazard"]:
         rows = _rows(hazard["cause"], times, stimulator)
-        lines += [f"## {hazard['name']}", "", hazard["what"], "", *rows]
+        lines += [f"## {hazard['name']}", "", hazard["harm"], "", *rows]
     return renewed(
         EXPLANATION / "hazards.md",
         {
@@ -58,7 +58,7 @@ def hazards_page() -> Pages:
 
 
 def bounds(stimulator: ObjectDictionary, plate: ObjectDictionary) -> dict[str, float]:
-    """Return what head and rows may name: times in cycles or ms, which are the same, and others.
+    """Return the names for head and rows: times in cycles or ms, which are the same, and others.
 
     Watchdogs stand for their bound, constants of the code for themselves.
     """
@@ -110,7 +110,7 @@ def _rows(
         ),
         *(
             (
-                cause["what"],
+                cause["name"],
                 cause.get("common", ""),
                 cause["function"].format_map(times),
                 ", ".join(cause["watchdogs"]),
@@ -155,7 +155,7 @@ def _swept(figures: Found) -> str:
 
 
 def _tried(cause: dict[str, Any]) -> dict[str, str]:
-    """Return what was tried instead of a proof, and what it found."""
+    """Return the trials in place of a proof, and their findings."""
     made = summed_up()
     runs = made["healthy"]
     tried = {
@@ -189,7 +189,7 @@ def _common(causes: list[dict[str, Any]], times: dict[str, float]) -> Iterator[s
         ("What", "Feeds the loop", "Feeds its watch", "What breaks the tie", "Found"),
         *(
             (
-                cause["what"],
+                cause["name"],
                 cause["loop"],
                 cause["watch"],
                 cause["tie"].format_map(times),

@@ -23,7 +23,7 @@ PICTURE = Path(__file__).resolve().parents[2] / "docs" / "images" / "lab-data.pn
 
 
 def make_files(folder: Path) -> dict[str, Samples]:
-    """Make the files in a folder; return positions in mm and COF of what they stand for."""
+    """Make the files in a folder; return the positions in mm and COF that they hold."""
     draw = np.random.default_rng(1)
     t, t_x = np.arange(0, 2, 1 / 6000), np.arange(0, 2, 0.01)
     vibration = np.sin(2 * np.pi * 40 * (t - 1) / 8) + draw.normal(0, 0.1, t.size)
@@ -78,7 +78,7 @@ def played(texture: Texture) -> Samples:
 
 
 def picture(originals: dict[str, Samples], tables: dict[str, Texture]) -> None:
-    """Draw the samples of the files, the tables and what is played."""
+    """Draw the samples of the files, the tables and the played texture."""
     places = np.linspace(-14, 14, 4001)
     with canvas(7.2, 6.0) as figure:
         for axes, (name, table) in zip(

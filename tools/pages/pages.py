@@ -1,4 +1,4 @@
-"""What the tools share that make pages: the command line, --check, and fields of a page."""
+"""Common parts of the tools that make pages: the command line, --check, and fields of a page."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def made(text: str | None, pages: Callable[..., Pages], seed: int | None = None)
     Returns
     -------
     int
-        Exit code: 1 if a page is not what would be written.
+        Exit code: 1 if a page is out of date.
     """
     parser = parser_of(text)
     parser.add_argument("--check", action="store_true", help="write nothing, compare")
@@ -82,7 +82,7 @@ def columns(head: str, rows: Iterable[Iterable[str]]) -> Iterator[str]:
 
 
 def renewed(page: Path, fields: Mapping[str, str | Iterable[str]]) -> Pages:
-    """Return a page with its fields made anew; what stands between them is written by hand.
+    """Return a page with its fields made anew; the text between them is written by hand.
 
     Parameters
     ----------

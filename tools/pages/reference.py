@@ -56,7 +56,7 @@ FACES: Final = (
     "assurance.trials", "assurance.timing", "instrument.replay", "bench.watch",
     "bench.panel",
 )  # fmt: skip
-"""From what most people import to what fewest do; a name that several have is of the first."""
+"""From the most to the least imported; a name that several have is of the first."""
 
 
 SHARED_BY: Final = 2
@@ -108,7 +108,7 @@ def objects() -> Pages:
 
 
 def _is_frame(line: str) -> bool:
-    """Whether a line is no object: a heading, the head of a table, or what is between tables."""
+    """Whether a line is no object: a heading, the head of a table, or a line between tables."""
     return not line.startswith("| ") or line.startswith(("| Object | Name |", "| PDO |"))
 
 
@@ -218,7 +218,7 @@ def _where(place: Place) -> str:
 
 
 def _relaxing(rules: Table) -> Iterator[str]:
-    """List what a write does not relax under a drive."""
+    """List the objects that no write relaxes under a drive."""
     return table(
         ("Object", "Refused"),
         *((f"`{name}`", rule.text) for name, rule in rules.by_name.items()),
@@ -227,7 +227,7 @@ def _relaxing(rules: Table) -> Iterator[str]:
 
 
 def _stage() -> list[str]:
-    """List the states of the plate's power stage, and what leads from one to another."""
+    """List the states of the plate's power stage, and their transitions."""
     return [
         *table(("State", "What it is"), *((_title(s.name), s.value) for s in StageState)),
         *table(
@@ -291,7 +291,7 @@ def safety() -> Pages:
 
 
 class Name(NamedTuple):
-    """What a face names."""
+    """The names of a face."""
 
     face: str
     name: str

@@ -53,7 +53,7 @@ Results = Mapping[str, Any]
 
 
 class Variation(NamedTuple):
-    """What differs from the plate and the fingers of Table I."""
+    """Differences from the plate and the fingers of Table I."""
 
     plate: PlateParameters = PlateParameters()
     W0: float = 1.0
@@ -94,7 +94,7 @@ VARIATIONS: Final[Mapping[str, tuple[Variation, ...]]] = {
         Variation(PlateParameters(sensors=SensorParameters(serial=serial))) for serial in (2, 3)
     ),
 }
-"""What Table I is repeated with, by its name in the page."""
+"""The variations of Table I, by their names in the page."""
 
 
 class VariedPlate(PlateBlock):

@@ -4,7 +4,7 @@ python tools/pages/shapes.py
 
 Fingers are drawn at random, each at a force and a speed of its own, and ``ln mu(W) - ln mu(0)`` is
 taken at the nodes. The mean over all fingers is the first line; then come the components that
-explain most of what is left (principal components), each for a weight of one standard deviation.
+explain most of the rest (principal components), each for a weight of one standard deviation.
 Maps that span less than 0.13 between 0.25 and 2.5 um are drawn again: no two references 0.1 apart
 are in their reach.
 
@@ -29,7 +29,7 @@ FINGERS: Final = 4000
 SEED: Final = 20
 COMPONENTS: Final = 3
 RANGES: Final = {name: UNIFORM[name] for name in ("mu0", "rho", "W0", "p", "force", "speed")}
-"""What makes a map, uniform, in SI units; all else moves it up or down as a whole."""
+"""Parameters of a map, uniform, in SI units; all else moves it up or down as a whole."""
 _NARROW, _WIDE = round(W_LEAST / SPACING), round(W_MOST / SPACING)
 
 

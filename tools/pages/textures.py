@@ -34,7 +34,7 @@ def grating(subject: int, shape: str) -> Texture:
 
 
 class Conditions(NamedTuple):
-    """What a texture is played under."""
+    """Conditions of a texture that is played."""
 
     preview_us: int = 1500
     dead_time_us: int = 0
@@ -49,7 +49,7 @@ DEFAULT = Conditions()
 
 @cache
 def stroke(subject: int, shape: str, conditions: Conditions) -> Stroke:
-    """Return what was played."""
+    """Return the played texture."""
     return play(grating(subject, shape), subject, **conditions._asdict())
 
 

@@ -331,7 +331,7 @@ def pickup_table() -> Iterator[str]:
 
 
 def small_table() -> Iterator[str]:
-    """Small and large amplitudes, and what the noise of the pick-up does."""
+    """Small and large amplitudes, and the effect of the noise of the pick-up."""
     rows = []
     for law in BARE:
         for W_ref in (0.05e-6, 0.1e-6, 1e-6, 2.5e-6):
