@@ -19,6 +19,7 @@ from smarttac_can.canopen.od.cia import (
     SDO_TX_ID,
     Abort,
     AbortCode,
+    DataType,
 )
 from smarttac_can.canopen.od.data_types import UNSIGNED
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
@@ -459,8 +460,15 @@ class SDOServer(Service):
         default = index == SDO_SERVER_FIRST
         rx = SDO_RX_ID + self.od.node_id if default else COB_INVALID
         tx = SDO_TX_ID + self.od.node_id if default else COB_INVALID
-        self._rx = self.od.number(index, 1, rx)
-        self._tx = self.od.number(index, 2, tx)
+        self._rx, self._tx = self._cob_id(1, rx), self._cob_id(2, tx)
+
+    def _cob_id(self, subindex: int, absent: int) -> int:
+        """Return a COB-ID; one of another type, or with the CAN-ID of NMT, counts as absent."""
+        entry = self.od.get(self.objects[0], subindex)
+        if entry is None or entry.data_type is not DataType.UNSIGNED32:
+            return absent
+        cob_id = int(entry.read())
+        return cob_id if cob_id & CAN_ID_MASK else absent
 
     @property
     def _valid(self) -> bool:

@@ -9,7 +9,7 @@ from datetime import datetime
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from smarttac_can.canopen.commissioning.dbc import NO_NAMES, make_dbc
@@ -114,7 +114,18 @@ def serve(device: Device, data: bytes) -> list[Frame]:
     return frames
 
 
+def server_of_bytes(index: str, *subs: int) -> bytes:
+    """A file whose SDO server has CAN-IDs of one byte."""
+    lines = [f"[{index}]", "ParameterName=Server", "ObjectType=8", f"SubNumber={len(subs) + 1}"]
+    for sub in (0, *subs):
+        lines += [f"[{index}sub{sub}]", f"ParameterName=Sub{sub}", "DataType=5", "AccessType=ro"]
+    return "\n".join(lines).encode()
+
+
 @given(content=files())
+@example(content=server_of_bytes("1200", 2))
+@example(content=server_of_bytes("1200", 1))
+@example(content=server_of_bytes("1201", 1, 2))
 @settings(max_examples=100, suppress_health_check=[HealthCheck.too_slow])
 def test_an_eds_is_refused_in_one_line_or_served(
     content: bytes, tmp_path_factory: pytest.TempPathFactory
