@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -54,6 +55,7 @@ def tool(page: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> M
     monkeypatch.setattr(page, "JOBS", 1)
     monkeypatch.setattr(page, "grid_cells", lambda _seed, *, fine=False: CELLS)
     monkeypatch.setattr(page, "random_cells", lambda count, _seed: CELLS[:count])
+    monkeypatch.setattr(page, "_TAPS", replace(page._TAPS, cycles=20))
     return page
 
 
