@@ -261,4 +261,4 @@ def sequence(name: str, values: object) -> list[Any]:
 
 
 def _is_boolean(value: object) -> bool:
-    return isinstance(value, bool | np.bool)
+    return isinstance(value, bool | np.bool_)

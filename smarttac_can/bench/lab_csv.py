@@ -406,7 +406,7 @@ def _numbers(column: Any, name: str, before: int) -> Floats:
                 _is_no_number(name, str(column.iloc[at]), f"row {before + at + 1}: ")
             )
         column = numbers
-    values = np.asarray(column, dtype=np.float64)
+    values: Floats = column.to_numpy(np.float64, na_value=np.nan)
     if np.isinf(values).any():
         at = int(np.isinf(values).argmax())
         raise _UnclearError(_is_no_number(name, str(values[at]), f"row {before + at + 1}: "))
