@@ -12,12 +12,15 @@ from typing import TypeVar
 
 import click
 
-from smarttac_can.canopen.commissioning.dcf import bit_rates, make_dcf
+from smarttac_can.canopen.commissioning.dcf import bit_rates, make_dcf, save_dcf
 from smarttac_can.canopen.commissioning.node_ids import Identity, assign_node_id
 from smarttac_can.canopen.commissioning.scan import FoundDevice
 from smarttac_can.canopen.commissioning.scan import scan as scan_bus
 from smarttac_can.canopen.commissioning.values import (
     compare_reads,
+    compare_values,
+    read_device_eds,
+    read_values,
     stated_values,
     take_files,
     write_dcf,
@@ -35,8 +38,16 @@ from smarttac_can.canopen.conformance.run import (
     summary,
 )
 from smarttac_can.canopen.master.errors import NodeNotFoundError
+from smarttac_can.canopen.od.cia import STORE_EDS
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
-from smarttac_can.canopen.od.eds import Sections, load_eds, node_id_of, read_sections, write_out
+from smarttac_can.canopen.od.eds import (
+    COMMISSIONING,
+    Sections,
+    load_eds,
+    node_id_of,
+    read_sections,
+    write_out,
+)
 from smarttac_can.canopen.od.eds_check import check_eds, shown
 from smarttac_can.canopen.od.object_reference import LEGEND, object_reference
 from smarttac_can.cli.shared import (
@@ -61,6 +72,7 @@ from smarttac_can.cli.shared import (
 )
 from smarttac_can.host.files import (
     MAX_EDS_BYTES,
+    decode_eds,
     read_bounded,
     read_eds,
     read_eds_file,
@@ -320,6 +332,135 @@ def _file_beside(dcf: Path, name: str) -> bytes:
     if dcf.parent.resolve() not in path.resolve().parents:
         raise ValueError(f"DownloadFile={name} is not in the folder of the DCF: copy it there")
     return read_bounded(path, MAX_EDS_BYTES)
+
+
+@eds.command(
+    epilog="\b\nExamples:\n"
+    "  smarttac eds save --node-id 5 drive-5.dcf --eds drive.eds --interface socketcan"
+    " --channel can0\n"
+    "  smarttac eds save --node-id 32 stimulator-32.dcf --interface socketcan --channel can0"
+)
+@click.argument("file", type=result_path, metavar="DCF")
+@click.option("--node-id", "--node", type=NODE_ID, required=True, help="Node-ID of the device.")
+@click.option(
+    "--eds", type=EDS_FILE, help="EDS of the device; without, the device has it in 1021h."
+)
+@click.option("--any-device", is_flag=True, help="Also of another vendor or product than the EDS.")
+@timeout_option
+@bus_options
+@json_options(bare=True)
+def save(
+    *,
+    file: Path,
+    node_id: int,
+    eds: Path | None,
+    any_device: bool,
+    timeout: float,
+    bus: BusChoice,
+    json_file: Path | None,
+) -> None:
+    """Save the values of a device as a DCF, which 'smarttac eds load' writes back.
+
+    It has every value that can be read and written. What cannot be read is named, and stands in
+    the DCF as a comment; the exit code is then 1.
+    """
+    with reporting(json_file) as write_results, ExitStack() as stack:
+        name = f"{STORE_EDS:X}h" if eds is None else eds.name
+        text = "" if eds is None else read_eds_file(eds)
+        network = stack.enter_context(closing_network(bus))
+        if eds is None:
+            text = decode_eds(read_device_eds(network, node_id, timeout))
+        with naming(name, ValueError):
+            node_id_of(read_sections(text, []), node_id)
+            od, sections = load_eds(text, node_id), _written_out(text)
+        found = read_values(network, od, sections, timeout, any_device=any_device)
+        made, left = save_dcf(
+            text,
+            found.values,
+            od=od,
+            bit_rate=bus.bitrate,
+            serial=found.serial,
+            unread=[one_line(finding) for finding in found.unread],
+            eds_name=name,
+            dcf_name=file.name,
+            now=datetime.now(),
+        )
+        with result_file(file) as output:
+            output.write(made)
+        unread = [one_line(finding) for finding in found.unread if finding.error]
+        unread += [f"{e.index:04x}sub{e.subindex:x}: its value has no form in a DCF" for e in left]
+        count = len(found.values) - len(left)
+        done = f"node {node_id}: {count} values saved, {len(unread)} not"
+        results = {"file": str(file), "node_id": node_id, "values": count, "unread": unread}
+        write_results(results, [*(f"{file}: {line}" for line in unread), done])
+    if unread:
+        raise SystemExit(1)
+
+
+@eds.command(
+    epilog="\b\nExamples:\n  smarttac eds diff before.dcf after.dcf\n"
+    "  smarttac eds diff drive-5.dcf --interface socketcan --channel can0"
+)
+@click.argument("file", type=EDS_FILE, metavar="DCF")
+@click.argument("other", type=EDS_FILE, required=False, metavar="[OTHER]")
+@click.option("--node-id", "--node", type=NODE_ID, help="Node-ID, for a file that states none.")
+@timeout_option
+@bus_options
+@json_options(bare=True)
+def diff(
+    *,
+    file: Path,
+    other: Path | None,
+    node_id: int | None,
+    timeout: float,
+    bus: BusChoice,
+    json_file: Path | None,
+) -> None:
+    """Compare two DCFs, or a DCF and its device; differences end with exit code 1.
+
+    Each line has an object, its value in the first DCF, and that in OTHER or in the device.
+    """
+    with reporting(json_file) as write_results:
+        od = load_file(file, node_id)
+        lines: list[str] = []
+        if other is None:
+            sections = _written_out(read_eds_file(file))
+            if node_id is None and node_id_of(sections) is None:
+                raise click.UsageError(f"{file} has no node-ID: give --node-id, or another file")
+            with closing_network(bus) as network:
+                found = read_values(network, od, sections, timeout)
+            first = {entry: entry.default for entry in found.values}
+            differences = compare_values(first, found.values)
+            lines += [str(finding) for finding in found.unread]
+        else:
+            second = load_file(other, node_id, od.node_id)
+            both = [(entry, entry.default) for entry in second]
+            differences = compare_values({e: e.default for e in od}, dict(both))
+            lines += _commissioned_otherwise(file, other)
+        lines += [str(difference) for difference in differences]
+        rows = [
+            difference._asdict()
+            | {"first": _plain(difference.first), "second": _plain(difference.second)}
+            for difference in differences
+        ]
+        write_results({"differences": rows}, [one_line(line) for line in lines])
+    if lines:
+        raise SystemExit(1)
+
+
+def _commissioned_otherwise(file: Path, other: Path) -> Iterator[str]:
+    """Yield the keys of node and network that differ in two DCFs."""
+    first, second = (
+        next((sections[name] for name in COMMISSIONING if name in sections), {})
+        for sections in (read_sections(read_eds_file(path), []) for path in (file, other))
+    )
+    for key in sorted({*first, *second}):
+        if (one := first.get(key, "-")) != (two := second.get(key, "-")):
+            yield f"{key}: {one} | {two}"
+
+
+def _plain(value: object) -> object:
+    return value.hex(" ") if isinstance(value, bytes) else value
 
 
 @eds.command(epilog="Example: smarttac eds show stimulator --output stimulator.eds")

@@ -440,7 +440,11 @@ def read_eds_file(path: Path) -> str:
     OSError
         If it is not a regular file, longer than `MAX_EDS_BYTES`, or cannot be read.
     """
-    data = read_bounded(path, MAX_EDS_BYTES)
+    return decode_eds(read_bounded(path, MAX_EDS_BYTES))
+
+
+def decode_eds(data: bytes) -> str:
+    """Return the text of an EDS of any maker: ASCII by the standard, or UTF-8, or cp1252."""
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:

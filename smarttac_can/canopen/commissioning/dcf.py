@@ -13,7 +13,8 @@ from io import StringIO
 from itertools import product
 from typing import Any, Final
 
-from smarttac_can.canopen.od.cia import IDENTITY, Abort, DataType, ObjectType
+from smarttac_can.canopen.od.cia import COMMUNICATION_LAST, IDENTITY, Abort, DataType, ObjectType
+from smarttac_can.canopen.od.data_types import UNSIGNED
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.eds import (
     COMMISSIONING,
@@ -21,6 +22,7 @@ from smarttac_can.canopen.od.eds import (
     load_eds,
     parse_integer,
     parse_value,
+    read_sections,
 )
 from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.canopen.od.units import Quantity
@@ -89,22 +91,112 @@ def make_dcf(
         raw = _raw(entry, value)
         _check(entry, raw, node_id, value)
         _set_value(file, od, entry, raw)
+    serial = od.number(IDENTITY, 4)
+    return _completed(file, od, bit_rate, serial, names=(eds_name, dcf_name), now=now)
+
+
+def save_dcf(
+    text: str,
+    values: Mapping[Entry, Any],
+    *,
+    od: ObjectDictionary,
+    bit_rate: int | None,
+    serial: int,
+    unread: Iterable[str],
+    eds_name: str,
+    dcf_name: str,
+    now: datetime,
+) -> tuple[str, list[Entry]]:
+    """Return a DCF with the values that a device has.
+
+    Parameters
+    ----------
+    text
+        Text of the EDS, or of a DCF.
+    values
+        Raw values of the entries that were read.
+    od
+        Object dictionary of the text, loaded for the node-ID of the device.
+    bit_rate
+        Bit rate in bit/s; None to leave it as it is in the text.
+    serial
+        Serial number of the device, for ``LSS_SerialNumber``.
+    unread
+        Lines about what could not be read, written as comments.
+    eds_name, dcf_name, now
+        As for `make_dcf`.
+
+    Returns
+    -------
+    str
+        The DCF.
+    list of Entry
+        Entries whose values a DCF cannot have, as an empty text or one with control characters.
+        Comments name them, too.
+    """
+    file = _parsed(text)
+    _resolve_node_id(file, od)
+    left = []
+    for entry, value in values.items():
+        raw = text_of(entry, value)
+        if raw is not None:
+            _set_value(file, od, entry, raw)
+        elif value != entry.default:
+            left.append(entry)
+    made = _completed(file, od, bit_rate, serial, names=(eds_name, dcf_name), now=now)
+    lines = [*unread, *(f"{_where(entry)}: its value has no form in a DCF" for entry in left)]
+    return made + "".join(f"; {line}\n" for line in lines), left
+
+
+def text_of(entry: Entry, value: Any) -> str | None:
+    """Return the text that stands for a raw value in an EDS; None if there is none."""
+    if isinstance(value, bytes):
+        text = value.hex(" ")
+    elif (
+        isinstance(value, int) and entry.data_type in UNSIGNED and entry.index <= COMMUNICATION_LAST
+    ):
+        text = f"0x{value:X}"
+    else:
+        text = str(value)
+    with suppress(EDSError):
+        (found,) = read_sections(f"[a]\nb={text}", []).values()
+        kept = found.get("b") == text and text.isascii() and entry.data_type is not DataType.DOMAIN
+        if text and kept and parse_value(entry.data_type, text, 1, entry.name) == value:
+            return text
+    return None
+
+
+def _where(entry: Entry) -> str:
+    return f"{entry.index:04X}h:{entry.subindex} {entry.name}"
+
+
+def _completed(
+    file: ConfigParser,
+    od: ObjectDictionary,
+    bit_rate: int | None,
+    serial: int,
+    *,
+    names: tuple[str, str],
+    now: datetime,
+) -> str:
+    """Return the text of a file with node-ID, bit rate and date of a DCF."""
     info = _section(file, "FileInfo")
-    _put(info, "FileName", dcf_name)
-    _put(info, "LastEDS", eds_name)
+    _put(info, "FileName", names[1])
+    _put(info, "LastEDS", names[0])
     _put(info, "ModificationTime", now.strftime("%I:%M%p"))
     _put(info, "ModificationDate", now.strftime("%m-%d-%Y"))
     commissioning = _commissioning(file)
     for key, number in {
-        "NodeID": node_id,
+        "NodeID": od.node_id,
         "NodeName": od.info.get("productname", ""),
-        "Baudrate": bit_rate // 1000,
         "NetNumber": 0,
         "NetworkName": "",
         "CANopenManager": 0,
-        "LSS_SerialNumber": od.number(IDENTITY, 4),
+        "LSS_SerialNumber": serial,
     }.items():
         _put(commissioning, key, str(number))
+    if bit_rate is not None:
+        _put(commissioning, "Baudrate", str(bit_rate // 1000))
     written = StringIO()
     file.write(written, space_around_delimiters=False)
     return written.getvalue().rstrip("\n") + "\n"
@@ -317,7 +409,10 @@ def _outside(entry: Entry, raw: float, given: str, *, with_unit: bool) -> str:
 
 
 def _set_value(file: ConfigParser, od: ObjectDictionary, entry: Entry, value: str) -> None:
-    """Set the value of an entry in its section, or in the list of a CompactSubObj."""
+    """Set the value of an entry in its section, or in the list of a CompactSubObj.
+
+    That list has no sub-index 0, as the number of mapped objects, which gets a section of its own.
+    """
     plain = od.objects[entry.index].object_type is ObjectType.VAR
     for name in file.sections():
         found = _SECTION.match(name)
@@ -326,6 +421,14 @@ def _set_value(file: ConfigParser, od: ObjectDictionary, entry: Entry, value: st
         if found[2] is None if plain else found[2] and int(found[2], 16) == entry.subindex:
             _put(file[name], "ParameterValue", value)
             return
+    if not entry.subindex:
+        own = _section(file, f"{entry.index:04X}sub0")
+        _put(own, "ParameterName", entry.name.rpartition(".")[2])
+        _put(own, "ObjectType", f"0x{int(ObjectType.VAR):X}")
+        _put(own, "DataType", f"0x{int(entry.data_type):04X}")
+        _put(own, "AccessType", entry.access)
+        _put(own, "ParameterValue", value)
+        return
     values = _section(file, f"{entry.index:04X}Value")
     _put(values, str(entry.subindex), value)
     _put(values, "NrOfEntries", str(sum(key.isdigit() for key in values)))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from typing import Any, Final
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
+from typing import Any, Final, NamedTuple
 
 import canopen
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
@@ -29,6 +30,8 @@ from smarttac_can.canopen.od.cia import (
     RPDO_MAPPING,
     SDO_CLIENT_LAST,
     SDO_SERVER_FIRST,
+    STORE_EDS,
+    STORE_FORMAT,
     STORE_PARAMETERS,
     SYNC_COB_ID,
     SYNC_COUNTER,
@@ -194,6 +197,139 @@ def compare_identity(
         yield Finding(f"{IDENTITY:04x}sub{subindex}", text, error=False)
 
 
+class ReadValues(NamedTuple):
+    """What a device has in the entries that a DCF may state."""
+
+    values: dict[Entry, Any]
+    """Raw values by entry."""
+    unread: list[Finding]
+    """A finding for each entry that could not be read, and a warning for another revision."""
+    serial: int
+    """Serial number (1018h:4), 0 without one."""
+
+
+def read_values(
+    network: canopen.Network,
+    od: ObjectDictionary,
+    sections: Sections,
+    timeout: float,
+    *,
+    any_device: bool = False,
+) -> ReadValues:
+    """Read what a DCF of a device would state: each value that can be read and written.
+
+    The identity (1018h) is compared first. Left out are entries that the ObjFlags keep from a scan,
+    what `write_dcf` does not write, and process data, which no DCF should write back: entries of
+    access rww or rwr, and what an RPDO of the device maps, as a control word.
+
+    Parameters
+    ----------
+    network, od, sections, timeout, any_device
+        As for `write_dcf`.
+
+    Raises
+    ------
+    NodeNotFoundError
+        The device does not answer.
+    WrongDeviceError
+        The device has another vendor-ID or product code.
+    """
+    client = _client(network, od, timeout)
+    values: dict[Entry, Any] = {}
+    unread = list(compare_identity(client, od, any_device=any_device))
+    for entry in od:
+        if not (_in_dcf(entry) and entry.readable) or _flags(entry, sections) & _NOT_ON_SCAN:
+            continue
+        try:
+            data = client.upload(entry.index, entry.subindex)
+            values[entry] = unpack(entry.data_type, data)
+        except SdoCommunicationError:
+            raise NodeNotFoundError(f"node {od.node_id} does not answer any more") from None
+        except SdoAbortedError as error:
+            reason = f"the device refuses to read it: {Abort(error.code)}"
+            unread.append(Finding(_section(entry, sections), reason))
+        except Abort as error:
+            reason = f"the device reads as no {entry.data_type.name}: {error}"
+            unread.append(Finding(_section(entry, sections), reason))
+    try:
+        serial = int.from_bytes(client.upload(IDENTITY, 4), "little")
+    except SdoAbortedError:
+        serial = 0
+    mapped = {
+        (value >> 16, value >> 8 & 0xFF)
+        for entry, value in values.items()
+        if 0 <= entry.index - RPDO_MAPPING < PDO_COUNT and entry.subindex
+    }
+    kept = {
+        entry: value
+        for entry, value in values.items()
+        if entry.access not in ("rww", "rwr") and (entry.index, entry.subindex) not in mapped
+    }
+    return ReadValues(kept, unread, serial)
+
+
+class Difference(NamedTuple):
+    """An entry that has two values; None where it is not described."""
+
+    address: str
+    """Index and sub-index, as 2010h:1."""
+    name: str
+    first: Any
+    second: Any
+
+    def __str__(self) -> str:
+        first, second = ("-" if v is None else _shown(v) for v in (self.first, self.second))
+        return f"{self.address} {self.name}: {first} | {second}"
+
+
+def compare_values(first: Mapping[Entry, Any], second: Mapping[Entry, Any]) -> list[Difference]:
+    """Compare raw values by index and sub-index, in their order.
+
+    Parameters
+    ----------
+    first, second
+        Values by entry, of two DCFs, or of a DCF and a device.
+    """
+    names = {(e.index, e.subindex): e.name for e in (*second, *first)}
+    one, other = ({(e.index, e.subindex): v for e, v in d.items()} for d in (first, second))
+    return [
+        Difference(f"{at[0]:04X}h:{at[1]}", names[at], one.get(at), other.get(at))
+        for at in sorted(names)
+        if one.get(at) != other.get(at)
+    ]
+
+
+def read_device_eds(network: canopen.Network, node_id: int, timeout: float) -> bytes:
+    """Read the EDS that a device has in 1021h.
+
+    Raises
+    ------
+    NodeNotFoundError
+        The device does not answer.
+    WrongDeviceError
+        It has no EDS, or one that is compressed (1022h).
+    """
+    client = _client(network, ObjectDictionary(node_id, []), timeout)
+    try:
+        data = bytes(client.upload(STORE_EDS, 0))
+        with suppress(SdoAbortedError):
+            if (kind := int.from_bytes(client.upload(STORE_FORMAT, 0), "little")) != 0:
+                text = f"node {node_id} has its EDS in the format {kind} (1022h), not as a text"
+                raise WrongDeviceError(text)
+    except SdoAbortedError as error:
+        text = f"node {node_id} has no EDS in 1021h ({Abort(error.code)})"
+        raise WrongDeviceError(text) from error
+    except SdoCommunicationError:
+        raise NodeNotFoundError(f"node {node_id} does not answer") from None
+    return data
+
+
+def _in_dcf(entry: Entry) -> bool:
+    """Whether a value in a DCF is written to a device; see `stated_values`."""
+    default_sdo = entry.index == SDO_SERVER_FIRST and entry.subindex in _COB_IDS
+    return entry.writable and entry.index not in _COMMANDS and not default_sdo
+
+
 def stated_values(od: ObjectDictionary, sections: Sections) -> list[Entry]:
     """Return the writable entries to which a DCF gives a ParameterValue or a DownloadFile.
 
@@ -203,9 +339,7 @@ def stated_values(od: ObjectDictionary, sections: Sections) -> list[Entry]:
     return [
         entry
         for entry in od
-        if entry.writable
-        and entry.index not in _COMMANDS
-        and (entry.index != SDO_SERVER_FIRST or entry.subindex not in _COB_IDS)
+        if _in_dcf(entry)
         and {"parametervalue", "downloadfile"} & sections.get(_section(entry, sections), {}).keys()
     ]
 

@@ -367,7 +367,7 @@ def _add_record(
     values = sections.get(f"{name}value", {})
     sections[name] = {"parametername": title, "objecttype": f"{int(ObjectType.RECORD)}"}
     count = {"parametername": "Number of objects", "datatype": "5", "accesstype": "const"}
-    sections[f"{name}sub0"] = count | ({} if cob_id else {"accesstype": "rw"})
+    sections.setdefault(f"{name}sub0", count | ({} if cob_id else {"accesstype": "rw"}))
     for subindex in subindices:
         member = _COMMUNICATION[subindex] if cob_id else f"Object {subindex}"
         section = {

@@ -1,12 +1,13 @@
 """Values of a DCF written to devices that are not ours, by the procedures of CiA 301."""
 
+import json
 import re
 from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 from canopen.sdo.exceptions import SdoAbortedError
-from commands import refusal, succeed
+from commands import refusal, run, succeed
 from nodes_on_a_bus import in_threads
 from small_eds import NODE_ID, entry, record, small_eds, written
 
@@ -244,3 +245,135 @@ def test_the_date_of_the_configuration_is_last() -> None:
     _, client, _ = load(text, "1020sub1=5 1020sub2=6 1017=200")
     indices: Sequence[int] = [index for index, _, _ in client.downloads]
     assert indices == [0x1017, 0x1020, 0x1020]
+
+
+# The values of a device as a DCF, and differences.
+
+
+def values_of(node: DeviceNode) -> list[tuple[str, object]]:
+    return [(entry.name, entry.value) for entry in node.device.od]
+
+
+TEXT = record(
+    "2010",
+    entry("2010sub0", 5, "const", "6"),
+    entry("2010sub1", 9, "rw", "text"),
+    entry("2010sub2", 8, "rw", "0.1"),
+    entry("2010sub3", 0xA, "rw", "00 FF"),
+    entry("2010sub4", 4, "rw", "-1"),
+    entry("2010sub5", 7, "wo", "1"),
+    entry("2010sub6", 0xF, "rw", "00"),
+)
+COMPACT = (
+    "[1A00]\nParameterName=Mapping\nObjectType=9\nDataType=7\nAccessType=rw\nCompactSubObj=4\n"
+    "[1A00Value]\nNrOfEntries=1\n1=0x20000010\n"
+)
+
+
+def changed(node: DeviceNode) -> None:
+    od = node.device.od
+    od.entry(0x1017).value = 250
+    if 0x2010 in od.objects:
+        for subindex, value in ((1, "a b"), (2, 0.10000000149011612), (3, b"\x00\x01"), (4, -7)):
+            od.entry(0x2010, subindex).value = value
+    if 0x1A00 in od.objects:
+        od.entry(0x1A00, 0).value = 0
+        od.entry(0x1A00, 1).value = 0x20010010
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("small", small_eds()),
+        ("types", small_eds(TEXT)),
+        ("pdo", small_eds(STATUS + TPDO + MAPPING, tx=1)),
+        ("compact", small_eds(STATUS + TPDO + COMPACT, tx=1)),
+        ("heartbeats", small_eds(SYNC + CONSUMER + SERVER)),
+    ],
+)
+def test_a_saved_dcf_loads_without_any_change(name: str, text: str, tmp_path: Path) -> None:
+    eds, saved = written(tmp_path, text), tmp_path / "saved.dcf"
+    options = bus(f"save {name}")
+    node = device(text)
+    with in_threads({"interface": "virtual", "channel": options[3]}, node, lockstep=False):
+        changed(node)
+        before = values_of(node)
+        said = succeed("eds", "save", "--node", "9", saved, "--eds", eds, *options)
+        assert re.search(r"node 9: \d+ values saved, 0 not", said)
+        assert succeed("eds", "diff", saved, *options) == ""
+        assert "0 refused or otherwise" in succeed("eds", "load", saved, *options)
+        assert values_of(node) == before
+        od = load_eds(saved.read_text(), NODE_ID)
+        kept = [(e.name, e.value) for e in od if e.writable and e.readable]
+        assert kept == [(e.name, e.value) for e in node.device.od if e.writable and e.readable]
+        node.device.od.entry(0x1017).value = 300
+        line = run("eds", "diff", saved, *options)
+        assert (line.exit_code, line.stdout) == (1, "1017h:0 Producer heartbeat time: 250 | 300\n")
+
+
+def test_a_device_is_saved_by_the_eds_that_it_has(tmp_path: Path) -> None:
+    text = small_eds("[1021]\nParameterName=EDS\nObjectType=2\nDataType=0xF\nAccessType=ro\n")
+    saved, options = tmp_path / "saved.dcf", bus("save own")
+    node = device(text)
+    with in_threads({"interface": "virtual", "channel": options[3]}, node, lockstep=False):
+        changed(node)
+        succeed("eds", "save", "--node", "9", saved, *options)
+        assert load_eds(saved.read_text(), NODE_ID).number(0x1017) == 250
+    assert "LastEDS=1021h\n" in saved.read_text()
+
+
+def test_process_data_are_not_saved(tmp_path: Path) -> None:
+    control = entry("6040", 6, "rw", "0", "PDOMapping=1") + entry("6042", 6, "rww", "0")
+    mapping = record(
+        "1600", entry("1600sub0", 5, "rw", "1"), entry("1600sub1", 7, "rw", "0x60400010")
+    )
+    text = small_eds(control + mapping + entry("6081", 7, "rw", "7", "PDOMapping=1"))
+    eds, saved, options = written(tmp_path, text), tmp_path / "saved.dcf", bus("process")
+    node = device(text)
+    with in_threads({"interface": "virtual", "channel": options[3]}, node, lockstep=False):
+        for index in (0x6040, 0x6042, 0x6081):
+            node.device.od.entry(index).value = 15
+        succeed("eds", "save", "--node", "9", saved, "--eds", eds, *options)
+    od = load_eds(saved.read_text(), NODE_ID)
+    assert [od.number(index) for index in (0x6040, 0x6042, 0x6081)] == [0, 0, 15]
+
+
+def test_what_cannot_be_saved_is_named(tmp_path: Path) -> None:
+    eds, saved = written(tmp_path, small_eds(TEXT)), tmp_path / "saved.dcf"
+    node, options = device(small_eds(TEXT).replace("[2010sub4]", "[2010sub7]")), bus("save not")
+    with in_threads({"interface": "virtual", "channel": options[3]}, node, lockstep=False):
+        node.device.od.entry(0x2010, 1).value = "two\nlines"
+        result = run("eds", "save", "--node", "9", saved, "--eds", eds, *options)
+        assert result.exit_code == 1
+        lines = [line.partition("saved.dcf: ")[2] for line in result.stdout.splitlines()]
+        assert lines[0].startswith("[2010sub4] the device refuses to read it: ")
+        assert lines[1] == "2010sub1: its value has no form in a DCF"
+        text = saved.read_text()
+        assert "; [2010sub4] the device refuses to read it: " in text
+        assert "\n; 2010h:1 " in text
+        assert "another device" in refusal(
+            *("eds", "save", "--node", "9", tmp_path / "b.dcf", "--eds"),
+            *(written(tmp_path, small_eds().replace("0x9A", "0x9B")), *options),
+        )
+        assert "has no EDS in 1021h" in refusal(
+            "eds", "save", "--node", "9", tmp_path / "b.dcf", *options
+        )
+    assert not (tmp_path / "b.dcf").exists()
+
+
+def test_two_dcfs_differ_in_values_and_commissioning(tmp_path: Path) -> None:
+    first = dcf(tmp_path, small_eds(), "1017=200").rename(tmp_path / "first.dcf")
+    assert succeed("eds", "diff", first, first) == ""
+    second = dcf(tmp_path, small_eds(TEXT), "1017=300")
+    result = run("eds", "diff", first, second, "--json")
+    assert result.exit_code == 1
+    rows = json.loads(result.stdout)["differences"]
+    assert rows[0] == {
+        "address": "1017h:0",
+        "name": "Producer heartbeat time",
+        "first": 200,
+        "second": 300,
+    }
+    assert [row["first"] for row in rows[1:]] == [None] * 7
+    second.write_text(second.read_text().replace("Baudrate=500", "Baudrate=250"))
+    assert "baudrate: 500 | 250\n" in run("eds", "diff", first, second).stdout
