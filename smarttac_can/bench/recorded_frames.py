@@ -114,6 +114,8 @@ class RecordedFrames:
     ----------
     head
         Head of the log.
+    at_hand
+        Object dictionaries that need not be made from the EDS texts of the head again.
 
     Attributes
     ----------
@@ -130,8 +132,10 @@ class RecordedFrames:
         If the head is not that of a recording.
     """
 
-    def __init__(self, head: Mapping[str, Any]) -> None:
-        self.ods = {int(n["node_id"]): load_eds(n["eds"], int(n["node_id"])) for n in head["nodes"]}
+    def __init__(self, head: Mapping[str, Any], at_hand: Iterable[ObjectDictionary] = ()) -> None:
+        made = {(od.node_id, od.text): od for od in at_hand}
+        nodes = [(int(node["node_id"]), node["eds"]) for node in head["nodes"]]
+        self.ods = {each: made.get((each, eds)) or load_eds(eds, each) for each, eds in nodes}
         node_id = int(head["node_id"])
         own = self.ods[node_id]
         self.tpdos = [RecordedPdo(own, pdo) for pdo in head["published"]]

@@ -83,6 +83,7 @@ class Recording:
         self._log: FrameLog | None = None
         self._stack = ExitStack()
         self._cycles = 0
+        self._ods: list[ObjectDictionary] = []
 
     def __repr__(self) -> str:
         if self.summary is not None:
@@ -197,7 +198,7 @@ class Recording:
     def _make_file(self, log: FrameLog) -> None:
         self._require_room(log)
         try:
-            self.summary = make_recording(self.log_path, self.path)
+            self.summary = make_recording(self.log_path, self.path, at_hand=self._ods)
             self.log_path.unlink()
         except OSError as error:
             raise BenchError(f"{error}; {self._recover}") from error
@@ -222,14 +223,14 @@ class Recording:
                 f"the TPDOs 2 to 4 of node {own.node_id} do not map {TICK}, so lost "
                 "cycles cannot be counted: restore their default mapping"
             )
-        ods = [own] if source.plate is None else [own, source.plate]
+        self._ods = [own] if source.plate is None else [own, source.plate]
         held = [n for p in source.published if p.number not in every_cycle for n in p.names]
         return {
             "version": __version__,
             "created": datetime.now(UTC).isoformat(timespec="seconds"),
             "where": self._link.where,
             "node_id": own.node_id,
-            "nodes": [{"node_id": od.node_id, "eds": od.text} for od in ods],
+            "nodes": [{"node_id": od.node_id, "eds": od.text} for od in self._ods],
             "identity": self._identity(),
             "clocked": source.clocked,
             "published": [_pdo(pdo, pdo.number in every_cycle) for pdo in source.published],

@@ -128,7 +128,9 @@ def require_new(path: Path) -> None:
 
 
 @in_words()
-def make_recording(log: Path | str, path: Path | str) -> Summary:
+def make_recording(
+    log: Path | str, path: Path | str, *, at_hand: Iterable[ObjectDictionary] = ()
+) -> Summary:
     """Make the HDF5 file of a recording from its log, even if the recording was killed.
 
     Parameters
@@ -137,6 +139,8 @@ def make_recording(log: Path | str, path: Path | str) -> Summary:
         Log of the recording; it is not changed.
     path
         File to create; it must not exist. It appears only when it is complete.
+    at_hand
+        Object dictionaries that need not be made from the EDS texts of the log again.
 
     Raises
     ------
@@ -156,7 +160,7 @@ def make_recording(log: Path | str, path: Path | str) -> Summary:
         raise BenchError(str(error)) from error
     try:
         with replacing(path) as part, _Disk(part, path, log) as disk:
-            frames = RecordedFrames(reader.head)
+            frames = RecordedFrames(reader.head, at_hand)
             try:
                 with h5py.File(disk, "w") as file:
                     summary = _write(file, reader, frames, disk.check)

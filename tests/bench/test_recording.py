@@ -132,6 +132,21 @@ def test_recording_has_the_channels_of_a_run(bench: Stimulator, tmp_path: Path) 
 
 
 @pytest.mark.parametrize("bench", ["bus"], indirect=True)
+def test_the_end_of_a_recording_reads_no_eds_again(
+    bench: Stimulator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, kept, made = (tmp_path / name for name in ("run.h5", "kept.log", "made.h5"))
+    with monkeypatch.context() as patch:
+        patch.delattr(recorded_frames, "load_eds")
+        with bench.record(path) as recording:
+            kept.hardlink_to(recording.log_path)
+            bench.run(0.1)
+    make_recording(kept, made)
+    assert len(content(path)["tick"]) == 100
+    np.testing.assert_equal(content(path), content(made))
+
+
+@pytest.mark.parametrize("bench", ["bus"], indirect=True)
 def test_recording_has_identity_settings_and_eds(bench: Stimulator, tmp_path: Path) -> None:
     play(bench, tmp_path / "run.h5")
     with h5py.File(tmp_path / "run.h5") as file:
@@ -196,9 +211,9 @@ def test_any_error_puts_the_plate_at_0_v_before_the_file_is_made(
     with Stimulator.simulate("local") as bench:
         made = []
 
-        def make(log: Path, path: Path) -> None:
+        def make(log: Path, path: Path, **more: Any) -> None:
             made.append(bench.get("Mode"))
-            make_recording(log, path)
+            make_recording(log, path, **more)
 
         monkeypatch.setattr("smarttac_can.bench.recording.make_recording", make)
         bench.voltage = 10
@@ -260,7 +275,7 @@ def test_without_the_tick_there_is_no_recording(virtual: dict[str, Any], tmp_pat
     assert not list(tmp_path.iterdir())
 
 
-def full(*_: object) -> None:
+def full(*_: object, **__: object) -> None:
     raise OSError(errno.ENOSPC, "No space left on device")
 
 

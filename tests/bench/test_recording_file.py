@@ -295,7 +295,7 @@ def test_reprs(tmp_path: Path) -> None:
     )
 
 
-def full(*_: object) -> None:
+def full(*_: object, **__: object) -> None:
     raise OSError(errno.ENOSPC, "No space left on device")
 
 
