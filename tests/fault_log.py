@@ -2,7 +2,7 @@
 
     python tests/fault_log.py LOG ROWS
 
-LOG and ROWS are what `tools/pages/faults.py --log LOG --json ROWS` has written. Only the name, the
+LOG and ROWS come from `tools/pages/make faults --log LOG --json ROWS`. Only the name, the
 mode, and the time of the fault are taken from a row without a check. Nothing is imported of what
 has made them: nodes, bench and trials.
 """

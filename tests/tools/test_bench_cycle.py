@@ -1,4 +1,4 @@
-"""``tools/bench/cycle.py`` times a loop that drives, alone or in two trees."""
+"""``tools/bench/measure cycle`` times a loop that drives, alone or in two trees."""
 
 import json
 from collections.abc import Callable

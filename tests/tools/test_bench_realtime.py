@@ -1,4 +1,4 @@
-"""``tools/bench/realtime.py``: its figures and its end, not how good a machine is."""
+"""``tools/bench/measure realtime``: its figures and its end, not how good a machine is."""
 
 import json
 import os
@@ -18,7 +18,7 @@ from nodes_on_a_bus import GUARD_S, until
 
 from smarttac_can.canopen.master.errors import BenchError
 
-TOOL = Path(__file__).parents[2] / "tools" / "bench" / "realtime.py"
+TOOL = Path(__file__).parents[2] / "tools" / "bench" / "measure"
 QUANTILES = {"p50_us", "p99_us", "p999_us", "p9999_us", "max_us"}
 
 
@@ -30,7 +30,7 @@ def tool(load: Callable[[str], ModuleType]) -> ModuleType:
 @contextmanager
 def running(*arguments: str) -> Iterator[subprocess.Popen[str]]:
     with subprocess.Popen(
-        [sys.executable, str(TOOL), *arguments],
+        [sys.executable, str(TOOL), "realtime", *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -137,7 +137,7 @@ def test_two_trees_are_compared_by_pairs(tool: ModuleType) -> None:
         ((), "required: --seconds"),
         (("--seconds", "1"), "--seconds 1.0 is below 2"),
         (("--seconds", "5", "--hogs", "-1"), "--hogs -1 is below 0"),
-        (("--seconds", "2", "--against", "{empty}"), "has no tools/bench/realtime.py"),
+        (("--seconds", "2", "--against", "{empty}"), "has no tools/bench/measure"),
     ],
 )
 def test_wrong_arguments(

@@ -1,4 +1,4 @@
-"""``tools/bench/stops.py`` finds a broken bound, and measures one."""
+"""``tools/bench/measure stops`` finds a broken bound, and measures one."""
 
 import sys
 from collections.abc import Callable, Iterator

@@ -20,7 +20,7 @@ ROW = {
     "energy_J": 0.0126, "after": 123, "cof_error": 0.1, "violations": 0,
 }  # fmt: skip
 MADE: dict[str, Any] = {
-    "command": "tools/pages/fmeda.py --fine --healthy 500 --seed 9",
+    "command": "tools/pages/make fmeda --fine --healthy 500 --seed 9",
     "promise": PROMISES._asdict(),
     "sweeps": [
         {"name": "coarse", "seed": 1, "cells": 7, "violations": 0,
@@ -82,8 +82,8 @@ def test_fmeda_page_shows_promise_runs_and_findings(page: ModuleType) -> None:
     (text,) = page.fmeda_page(MADE).values()
     lines = re.sub("<!--.*?-->", "", text).splitlines()
     for line in (
-        "Made by `tools/pages/reference.py` from `tools/pages/fmeda.json`, which "
-        "`tools/pages/fmeda.py --fine --healthy 500 --seed 9` has written.",
+        "Made by `tools/pages/make reference` from `tools/pages/fmeda.json`, which "
+        "`tools/pages/make fmeda --fine --healthy 500 --seed 9` has written.",
         "- In any 10 s the true vibration is above its bound for at most 20 cycles (ms),",
         "- The true vibration is at most 9 um.",
         "| 2.5 | pi | 3.46 um, 5 | 2.90 um, 1 | 2.60 um, 0 |",
@@ -113,7 +113,7 @@ def test_fmeda_check_accepts_the_file_of_the_tool(tool: ModuleType) -> None:
     told = ("--fine", "--random", "1", "--healthy", "2", "--seed", "5")
     assert run(tool, *told) == (0, expected)
     made = json.loads(tool.SUMMARY.read_text())
-    assert made["command"] == f"tools/pages/fmeda.py {' '.join(told)}"
+    assert made["command"] == f"tools/pages/make fmeda {' '.join(told)}"
     assert [(s["name"], s["seed"], s["cells"]) for s in made["sweeps"]] == [
         ("coarse", 1, 2),
         ("fine", 5, 2),

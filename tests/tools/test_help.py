@@ -1,4 +1,4 @@
-"""Every tool has a summary and an example."""
+"""Every tool has a help text with an example of its call."""
 
 import runpy
 import subprocess
@@ -7,34 +7,34 @@ from pathlib import Path
 
 import pytest
 
-FOLDER = Path(__file__).parents[2] / "tools"
-PROGRAMS = [
-    path
-    for path in sorted(FOLDER.rglob("*"))
-    if path.suffix in ("", ".py")
-    and path.is_file()
-    and ('__name__ == "__main__"' in (text := path.read_text("utf-8")) or text.startswith("#!"))
-]
+ROOT = Path(__file__).parents[2]
 SHELL = {"demo", "environment", "test", "with-vcan-init"}
 """They hand their arguments on, or have one alone."""
+PROGRAMS = [
+    str(path.relative_to(ROOT))
+    for path in sorted((ROOT / "tools").rglob("*"))
+    if path.is_file() and path.name not in SHELL and path.read_bytes().startswith(b"#!")
+]
+NAMES = [
+    f"{tool} {name}"
+    for tool in ("tools/bench/measure", "tools/pages/make")
+    for name in runpy.run_path(str(ROOT / tool))["NAMES"]
+]
 
 
-@pytest.mark.parametrize(
-    "tool",
-    [path for path in PROGRAMS if path.name not in SHELL],
-    ids=lambda tool: str(tool.relative_to(FOLDER)),
-)
-def test_help_gives_an_example(
-    tool: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("call", [*PROGRAMS, *NAMES, "tools/pages/check_docs.py"])
+def test_help_of_a_tool_gives_an_example(
+    call: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    if tool.name == "conformance.py":
+    if call.endswith("conformance"):
         pytest.importorskip("durand", reason="one of the devices that it judges")
-    if tool.read_text("utf-8").startswith("#!/usr/bin/env bash"):
-        subprocess.run([tool, "--help"], check=True)
+    tool, *name = call.split()
+    path = ROOT / tool
+    if path.read_bytes().startswith(b"#!/usr/bin/env bash"):
+        subprocess.run([path, "--help"], check=True)
     else:
-        monkeypatch.setattr(sys, "argv", [str(tool), "--help"])
-        monkeypatch.syspath_prepend(str(tool.parent))
+        monkeypatch.setattr(sys, "argv", [str(path), *name, "--help"])
+        monkeypatch.syspath_prepend(str(path.parent))
         with pytest.raises(SystemExit, match=r"^0$"):
-            runpy.run_path(str(tool), run_name="__main__")
-    example = capfd.readouterr().out.partition("Example: ")[2].split("\n")[0]
-    assert f"tools/{tool.relative_to(FOLDER)}" in example
+            runpy.run_path(str(path), run_name="__main__")
+    assert call in capfd.readouterr().out.partition("Example: ")[2].split("\n")[0]

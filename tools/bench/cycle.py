@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """The cost of a cycle of the loop, against real time or against another tree.
 
-    tools/bench/cycle.py [--against TREE] [--pairs N] [--ticks N] [--json]
+    tools/bench/measure cycle [--against TREE] [--pairs N] [--ticks N] [--json]
 
 The loop regulates friction under a sliding finger, with the default mappings and all watchdogs, on
 the local link and over the bus with two nodes. Each run is a process of its own. Given are the
@@ -14,7 +13,7 @@ compiled package. Given are both costs, their ratio (this tree / other tree), an
 interval. The exit code is 1 as well if the trees do not record the same: the SHA-256 of their
 traces is compared, too.
 
-Example: tools/bench/cycle.py --against ../before --pairs 7
+Example: tools/bench/measure cycle --against ../before --pairs 7
 """
 
 from __future__ import annotations
@@ -115,5 +114,5 @@ def main() -> None:
     show(results, as_json=arguments.json)
 
 
-if __name__ == "__main__":
+if __name__ == "__main__":  # with --one, in another tree
     main()

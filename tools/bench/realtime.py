@@ -1,8 +1,7 @@
-#!/usr/bin/env python3
 """How well the loop keeps real time on this machine, for as long as you like.
 
-    python tools/bench/realtime.py --seconds S [--realtime P] [--deadline MS] [BESIDE] [--json]
-    python tools/bench/realtime.py --seconds S --against TREE [--pairs N] [BESIDE] [--json]
+    tools/bench/measure realtime --seconds S [--realtime P] [--deadline MS] [BESIDE] [--json]
+    tools/bench/measure realtime --seconds S --against TREE [--pairs N] [BESIDE] [--json]
 
 Plate, stimulator and a bench that records are processes of their own over udp_multicast. The bench
 starts a run, tares, regulates the friction of a finger for 5 s and stops, again and again; a fault
@@ -24,7 +23,7 @@ block transfer, with python-canopen. Its rates are shares of the bare one, that 
 and receive of one frame after the other; a transfer that fails or changes the data is an error.
 With `--against .` each pair is the loop with panel and client, and without.
 
-Example: python tools/bench/realtime.py --seconds 600 --hogs 4
+Example: tools/bench/measure realtime --seconds 600 --hogs 4
 """
 
 from __future__ import annotations
@@ -41,6 +40,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import FrameType
@@ -94,8 +94,7 @@ RECORDED_S = 5.0
 SHORTEST_S = 0.5
 SETTLED_TICKS = 1000
 COF_BAND = 0.05
-HERE = Path(__file__).resolve()
-TOOL = "tools/bench/realtime.py"
+TOOL, NAME = "tools/bench/measure", "realtime"
 NICE = -10
 PAUSE_S = 0.2
 STARTING_S, PARTING_S = 60.0, 10.0
@@ -525,8 +524,8 @@ def against(tree: Path, arguments: argparse.Namespace) -> dict[str, Any]:
     beside += ["--sdo", str(arguments.sdo)] if arguments.sdo is not None else []
     here, other = by_turns(
         [
-            lambda: results_in(ROOT, HERE, *options, *beside),
-            lambda: results_in(tree, tree / TOOL, *options),
+            lambda: results_in(ROOT, ROOT / TOOL, NAME, *options, *beside),
+            lambda: results_in(tree, tree / TOOL, NAME, *options),
         ],
         arguments.pairs,
     )
@@ -576,15 +575,14 @@ def main() -> int:
         parser.error(f"--seconds {arguments.seconds} is below 2")
     if arguments.hogs < 0:
         parser.error(f"--hogs {arguments.hogs} is below 0")
-    if arguments.against is not None:
-        results = against(tree_of(parser, arguments, TOOL), arguments)
-    else:
-        results = measured(arguments)
+    tree = None if arguments.against is None else tree_of(parser, arguments, TOOL)
+    return finished(partial(run, arguments, tree), BenchError, BusError)
+
+
+def run(arguments: argparse.Namespace, tree: Path | None) -> int:
+    """Measure, or compare with another tree, and print."""
+    results = measured(arguments) if tree is None else against(tree, arguments)
     show(results, as_json=arguments.json)
-    if arguments.against is None:
+    if tree is None:
         judged(results)
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(finished(main, BenchError, BusError))

@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """How long the plate keeps a voltage after something has happened, measured at its stage.
 
-    python tools/bench/stops.py [--realtime P] [--repeats N] [--json]
+    tools/bench/measure stops [--realtime P] [--repeats N] [--json]
 
 Plate, stimulator and a bench that drives 40 V in open loop are processes of their own over
 udp_multicast, in real time, new ones for each repeat of each case. The stage's voltage is read by
@@ -12,7 +11,7 @@ machine together, as sleepers of a higher priority have seen it in that repeat. 
 does not live to see is not measured, and said. Linux only; exit code 1 if a bound was broken, or
 0 V did not last.
 
-Example: python tools/bench/stops.py --repeats 5
+Example: tools/bench/measure stops --repeats 5
 """
 
 from __future__ import annotations
@@ -417,13 +416,13 @@ def main() -> int:
     arguments = parser.parse_args()
     if arguments.repeats < 1:
         parser.error(f"--repeats {arguments.repeats} is below 1")
-    results = run(arguments.realtime, arguments.repeats)
-    show(results, as_json=arguments.json)
-    broken = sum(row["ok"] is False for row in results["cases"])
-    if not arguments.json:
-        print(f"{len(CASES)} cases, {broken} with a bound that was broken")
-    return int(broken > 0)
 
+    def measure() -> int:
+        results = run(arguments.realtime, arguments.repeats)
+        show(results, as_json=arguments.json)
+        broken = sum(row["ok"] is False for row in results["cases"])
+        if not arguments.json:
+            print(f"{len(CASES)} cases, {broken} with a bound that was broken")
+        return int(broken > 0)
 
-if __name__ == "__main__":
-    sys.exit(finished(main, BenchError, BusError))
+    return finished(measure, BenchError, BusError)

@@ -1,11 +1,10 @@
 """Measure how fast the COF follows its reference, and write docs/reference/bandwidth.md; minutes.
 
-Two processes share the work. Example: python tools/pages/bandwidth.py --check --seed 2
+Two processes share the work. Example: tools/pages/make bandwidth --check --seed 2
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator, Sequence
 from functools import cache
 from itertools import product
@@ -436,5 +435,6 @@ def pages(draw: bool, seed: int) -> Pages:
     return renewed(REFERENCE / "bandwidth.md", fields)
 
 
-if __name__ == "__main__":
-    sys.exit(made(__doc__, pages, seed=1))
+def main() -> int:
+    """Write the page, or compare it."""
+    return made(__doc__, pages, seed=1)

@@ -1,18 +1,17 @@
 """Fill docs/reference/conformance.md: every case, and its verdict on our device and two others.
 
-    python tools/pages/conformance.py [--check]
+    tools/pages/make conformance [--check]
 
 Each device is built from tests/eds/rich.eds. Ours runs in device time, python-canopen's LocalNode
 and durand (`pip install durand`) in real time over python-can's virtual bus; ten minutes in all.
 
-Example: python tools/pages/conformance.py --check
+Example: tools/pages/make conformance --check
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
-import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -201,5 +200,6 @@ def pages(_draw: bool) -> Pages:
     return renewed(REFERENCE / "conformance.md", fields(verdicts))
 
 
-if __name__ == "__main__":
-    sys.exit(made(__doc__, pages))
+def main() -> int:
+    """Write the page, or compare it."""
+    return made(__doc__, pages)

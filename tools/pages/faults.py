@@ -1,12 +1,12 @@
 """Fill docs/reference/faults.md from the fault matrix; --check fails when a row is another one.
 
-    python tools/pages/faults.py [--check] [--hold CYCLES] [--log LOG --json ROWS]
+    tools/pages/make faults [--check] [--hold CYCLES] [--log LOG --json ROWS]
 
 A check holds each fault for 1000 cycles by default, a table is made with 10 000. Either
 also fails if a watchdog trips in no row of a mode. LOG and ROWS are for
 `python tests/fault_log.py`.
 
-Example: python tools/pages/faults.py --check --hold 200
+Example: tools/pages/make faults --check --hold 200
 """
 
 from __future__ import annotations
@@ -220,7 +220,3 @@ def main() -> int:
         write(made)
     print("\n".join(bad) or f"{len(rows)} faults end as they must")
     return 1 if bad else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,6 +1,6 @@
 """Fit the fingers of `smarttac reproduce table1 --subjects fitted` to Table I, and print them.
 
-python tools/pages/fingers.py [SUBJECT ...]
+tools/pages/make fingers [SUBJECT ...]
 
 Free are four parameters a subject, `FREE`: characteristic amplitude of the friction map, damping
 that the finger adds to the mode, pressing force and speed. Two numbers a subject are aimed at: rise
@@ -15,7 +15,7 @@ shorter after one that was not, looks for the least. Nothing depends on anything
 same machine prints the same fingers. They are checked with other seeds, in
 tests/studies/paper/test_fitted.py.
 
-Example: python tools/pages/fingers.py 2
+Example: tools/pages/make fingers 2
 """
 
 from __future__ import annotations
@@ -183,7 +183,3 @@ def main() -> None:
         mu0 = finger(number, values).mu0
         free = ", ".join(f"{values[name]:g}" for name in FREE)
         print(f"    _fitted({number}, {mu0:.3f}, {free}),  # {found}")
-
-
-if __name__ == "__main__":
-    main()

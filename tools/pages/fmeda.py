@@ -1,14 +1,14 @@
 """Sweep the failures of the sensors, and sum them up in tools/pages/fmeda.json.
 
-    python tools/pages/fmeda.py [--fine] [--random N] [--healthy N] [--seed SEED]
-    python tools/pages/fmeda.py --check
+    tools/pages/make fmeda [--fine] [--random N] [--healthy N] [--seed SEED]
+    tools/pages/make fmeda --check
 
 The runs: the coarse sweep of `python -m smarttac_can.assurance sensors`, a minute of processor
 time, runs without a failure, and the options given; then the coarse sweep on plates that
-soften and were identified. Then tools/pages/reference.py makes the pages. A check runs
+soften and were identified. Then tools/pages/make reference makes the pages. A check runs
 the coarse sweep alone: it has to keep the promise, and to give the figures of the file.
 
-Example: python tools/pages/fmeda.py --fine --healthy 5000 --seed 7
+Example: tools/pages/make fmeda --fine --healthy 5000 --seed 7
 """
 
 from __future__ import annotations
@@ -308,7 +308,7 @@ def main(*, fine: bool, drawn: int, healthy: int, seed: int, checks: bool) -> No
         sweeps.append(swept(f"coarse, {each:g} Hz/um", COARSE_SEED, cells)[0])
     runs = healthy_runs(healthy, seed)
     made = {
-        "command": f"tools/pages/fmeda.py {'--fine ' * fine}--random {drawn} --healthy {healthy} "
+        "command": f"tools/pages/make fmeda {'--fine ' * fine}--random {drawn} --healthy {healthy} "
         f"--seed {seed}",
         "promise": PROMISES._asdict(),
         "sweeps": sweeps,
@@ -321,7 +321,3 @@ def main(*, fine: bool, drawn: int, healthy: int, seed: int, checks: bool) -> No
     run, broken = (sum(sweep[name] for sweep in sweeps) for name in ("cells", "violations"))
     print(f"{run} cells, {broken} violations; {runs['false']} false trips")
     sys.exit(1 if broken or runs["false"] else 0)
-
-
-if __name__ == "__main__":
-    main()

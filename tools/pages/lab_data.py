@@ -2,7 +2,7 @@
 
 The forms are those of the format pages that docs/how-to/lab-data.md names; the numbers are made up.
 
-Example: python tools/pages/lab_data.py /tmp/sets --draw
+Example: tools/pages/make lab_data /tmp/sets --draw
 """
 
 from __future__ import annotations
@@ -103,7 +103,3 @@ def main() -> None:
     originals = make_files(arguments.folder)
     if arguments.draw:
         picture(originals, textures(arguments.folder))
-
-
-if __name__ == "__main__":
-    main()

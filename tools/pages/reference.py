@@ -1,13 +1,12 @@
 """Write docs/reference and the hazards from their sources; --check fails when a page is stale.
 
-Example: python tools/pages/reference.py --check
+Example: tools/pages/make reference --check
 """
 
 from __future__ import annotations
 
 import ast
 import inspect
-import sys
 from collections import Counter
 from collections.abc import Iterator
 from enum import IntEnum, IntFlag
@@ -354,7 +353,7 @@ def python_pages() -> Iterator[tuple[str, str]]:
         "These packages name what you can import, such as `from smarttac_can.bench import "
         "Stimulator`. Names in other modules may change in any version.",
         "",
-        "These pages are made by `tools/pages/reference.py` from the docstrings: change those.",
+        "These pages are made by `tools/pages/make reference` from the docstrings: change those.",
         "",
     ]
     yield "python.md", "\n".join([*lines, *table(("Package", "What it is"), *rows)])
@@ -393,5 +392,6 @@ def pages(_draw: bool = False) -> Pages:
     }
 
 
-if __name__ == "__main__":
-    sys.exit(made(__doc__, pages))
+def main() -> int:
+    """Write the page, or compare it."""
+    return made(__doc__, pages)

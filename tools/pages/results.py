@@ -1,11 +1,10 @@
 """Run the paper's experiments, and make tables and figures of docs/explanation/results.md; minutes.
 
-Example: python tools/pages/results.py
+Example: tools/pages/make results
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final, NamedTuple
@@ -355,5 +354,6 @@ def pages(draw: bool) -> Pages:
     return renewed(EXPLANATION / "results.md", fields)
 
 
-if __name__ == "__main__":
-    sys.exit(made(__doc__, pages))
+def main() -> int:
+    """Write the page, or compare it."""
+    return made(__doc__, pages)

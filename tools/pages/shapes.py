@@ -1,6 +1,6 @@
 """Print the shapes of friction maps that `smarttac_can/science/control/friction_map.py` holds.
 
-python tools/pages/shapes.py
+tools/pages/make shapes
 
 Fingers are drawn at random, each at a force and a speed of its own, and ``ln mu(W) - ln mu(0)`` is
 taken at the nodes. The mean over all fingers is the first line; then come the components that
@@ -8,7 +8,7 @@ explain most of the rest (principal components), each for a weight of one standa
 Maps that span less than 0.13 between 0.25 and 2.5 um are drawn again: no two references 0.1 apart
 are in their reach.
 
-Example: python tools/pages/shapes.py
+Example: tools/pages/make shapes
 """
 
 from __future__ import annotations
@@ -64,7 +64,8 @@ def shapes() -> tuple[np.ndarray, np.ndarray]:
     return mean, rows * -np.sign(rows[:, 1:2])
 
 
-if __name__ == "__main__":
+def main() -> None:
+    """Print the shapes."""
     parser_of(__doc__).parse_args()
     average, components = shapes()
     for shape in (average, *components):

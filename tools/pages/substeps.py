@@ -7,12 +7,11 @@ a plate whose dead time is 0.1 us longer than the controllers assume: how far a 
 moves these figures. A finger is chaotic if 64 and 65 sub-steps differ by more than is allowed: no
 number of sub-steps gives its figures.
 
-Example: python tools/pages/substeps.py --fingers 400
+Example: tools/pages/make substeps --fingers 400
 """
 
 from __future__ import annotations
 
-import sys
 from typing import Any, Final
 
 import numpy as np
@@ -88,7 +87,3 @@ def main() -> int:
     print("\n".join(columns(head, rows)).strip())
     print(f"chaotic: {', '.join(map(str, np.flatnonzero(chaotic))) or 'none'}")
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,11 +1,10 @@
 """Measure how textures are followed, and make the tables of docs/explanation/textures.md; minutes.
 
-Example: python tools/pages/textures.py
+Example: tools/pages/make textures
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from functools import cache
 from itertools import product
@@ -163,5 +162,6 @@ def pages(draw: bool) -> Pages:
     return renewed(EXPLANATION / "textures.md", fields)
 
 
-if __name__ == "__main__":
-    sys.exit(made(__doc__, pages))
+def main() -> int:
+    """Write the page, or compare it."""
+    return made(__doc__, pages)

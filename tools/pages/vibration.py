@@ -2,12 +2,11 @@
 
 The cost of an update is that on this machine, so --check finds another one.
 
-Example: python tools/pages/vibration.py
+Example: tools/pages/make vibration
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
@@ -436,5 +435,6 @@ def pages(draw: bool, seed: int) -> Pages:
     }
 
 
-if __name__ == "__main__":
-    sys.exit(made(__doc__, pages, seed=17))
+def main() -> int:
+    """Write the page, or compare it."""
+    return made(__doc__, pages, seed=17)

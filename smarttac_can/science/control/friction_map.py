@@ -33,7 +33,7 @@ THIRD: Final = (
     0.0, -0.005, -0.014, -0.019, -0.018, -0.011, 0.0, 0.009, 0.015, 0.014, 0.007, -0.005, -0.020,
 )
 # fmt: on
-"""Mean and components of h, as printed by tools/pages/shapes.py."""
+"""Mean and components of h, as printed by tools/pages/make shapes."""
 FLATTEST: Final = 0.2
 """Least fall of h from node to node, as a fraction of that of the mean. The learned map can
 therefore not rise, or be so flat that an error of a few % alternates between both ends."""

@@ -1,4 +1,4 @@
-"""Four fingers with their own force and speed, fitted to Table I by tools/pages/fingers.py.
+"""Four fingers with their own force and speed, fitted to Table I by tools/pages/make fingers.
 
 The presets of Table I share one force and one speed, and do not reproduce the slow rise of subject
 4. For each finger here four numbers were fitted: W0, load_damping, force and speed. rho and p are

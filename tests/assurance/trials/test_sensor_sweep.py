@@ -73,7 +73,7 @@ def test_a_sound_plate_is_within_the_promise() -> None:
 
 def test_the_coarse_sweep_keeps_the_promise() -> None:
     """Every seventh cell, so that each failure and each mode is there; continuous integration
-    runs all of them by ``tools/pages/fmeda.py --check``."""
+    runs all of them by ``tools/pages/make fmeda --check``."""
     cells = grid_cells(1)[::7]
     assert len(cells) > 180
     assert [result for cell in cells if (result := run_cell(cell)).violation] == []

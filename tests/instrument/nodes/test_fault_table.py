@@ -1,6 +1,6 @@
 """Every fault in one mode, some under both predictive laws: 0 V in time, and back after a reset.
 
-``tools/pages/faults.py --check`` runs each in every mode that drives.
+``tools/pages/make faults --check`` runs each in every mode that drives.
 """
 
 from __future__ import annotations
