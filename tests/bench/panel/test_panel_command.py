@@ -31,8 +31,12 @@ from smarttac_can.vocabulary.states import Law, Mode
 
 
 @pytest.fixture
-def node(multicast: dict[str, Any]) -> Iterator[StimulatorNode]:
-    """Run a node in a thread, which ends no run because the machine is busy."""
+def node(multicast: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> Iterator[StimulatorNode]:
+    """Run a node in a thread, which ends no run because the machine is busy.
+
+    It waits longer than usual for the heartbeat of a bench of this process, which starts others.
+    """
+    monkeypatch.setattr("smarttac_can.bench.remote_device._LOST_MS", 20_000)
     made = stimulator_with_plate(lockstep=False)
     with in_threads(multicast, made, lockstep=False):
         yield made
@@ -181,11 +185,9 @@ def test_it_drives_a_bus_and_stops(node: StimulatorNode, multicast: dict[str, An
 
 
 def test_panel_refuses_to_drive_while_another_bench_drives(
-    node: StimulatorNode, multicast: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+    node: StimulatorNode, multicast: dict[str, Any]
 ) -> None:
     """Other benches take a panel for one of them: see the test before."""
-    # A process starts while this one sends the heartbeat of the commander.
-    monkeypatch.setattr("smarttac_can.bench.remote_device._LOST_MS", 5000)
     with Stimulator.connect(**multicast) as bench:
         bench.voltage = 20.0
         bench.mode = "open_loop"
