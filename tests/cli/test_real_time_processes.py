@@ -17,8 +17,8 @@ from typing import Any
 
 import pytest
 from nodes_on_a_bus import GUARD_S, ODS, multicast_options, processes, until
+from stage_watch import MASTER_ID, StageWatch
 
-from smarttac_can.assurance.timing.stage_watch import MASTER_ID, StageWatch
 from smarttac_can.bench import FaultError, HeartbeatLostError, Stimulator
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
 from smarttac_can.instrument.nodes.loop_frames import crc8

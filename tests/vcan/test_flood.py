@@ -18,8 +18,8 @@ from contextlib import closing, contextmanager
 import pytest
 from nodes_on_a_bus import ODS
 from processes import CHANNEL, GUARD_S, PLATE_ID, NodeProcess
+from stage_watch import MASTER_ID, StageWatch
 
-from smarttac_can.assurance.timing.stage_watch import MASTER_ID, StageWatch
 from smarttac_can.bench.simulation import STIMULATOR_ID
 from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.host.python_can import PythonCanBus

@@ -63,6 +63,8 @@ from harness import (
     show,
     tree_of,
 )
+from stage_watch import StageWatch
+from standstill import Machine, forked, watching_machine
 
 from smarttac_can.assurance.timing.loop_run import (
     COF,
@@ -74,8 +76,6 @@ from smarttac_can.assurance.timing.loop_run import (
     require_free,
 )
 from smarttac_can.assurance.timing.loop_timing import Delays, LoopTiming
-from smarttac_can.assurance.timing.stage_watch import StageWatch
-from smarttac_can.assurance.timing.standstill import Machine, forked, watching_machine
 from smarttac_can.bench.errors import FaultError
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID, plate_od, stimulator_od
 from smarttac_can.bench.stimulator import Stimulator

@@ -30,10 +30,10 @@ from typing import Any, NamedTuple
 
 import click
 from harness import finished, own_bus, parser_of, show
+from stage_watch import Moment, StageWatch
+from standstill import Machine, forked, watching_machine
 
 from smarttac_can.assurance.timing.loop_run import NodeProcess, loop_processes, require_free
-from smarttac_can.assurance.timing.stage_watch import Moment, StageWatch
-from smarttac_can.assurance.timing.standstill import Machine, forked, watching_machine
 from smarttac_can.bench.remote_device import bench_id
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID, plate_od, stimulator_od
 from smarttac_can.bench.stimulator import Stimulator

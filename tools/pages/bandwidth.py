@@ -13,8 +13,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import textures
 from pages import EXPLANATION, REFERENCE, Pages, columns, made, renewed
+from texture_playing import LEVELS, play
 
-from smarttac_can.assurance.trials.texture_playing import LEVELS, play
 from smarttac_can.assurance.trials.workers import sharing
 from smarttac_can.bench.drawing import GREEN, INK, RED, canvas, save
 from smarttac_can.bench.textures import Texture, track

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 from pages import EXPLANATION, Pages, made, renewed
+from texture_playing import LEVELS, Stroke, play
 
-from smarttac_can.assurance.trials.texture_playing import LEVELS, Stroke, play
 from smarttac_can.bench import Texture, Tracking, track
 from smarttac_can.bench.drawing import INK, RED, canvas
 from smarttac_can.canopen.od.object_reference import table

@@ -5,12 +5,13 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import psutil
 import pytest
+import standstill
 from nodes_on_a_bus import GUARD_S, until
-
-from smarttac_can.assurance.timing.standstill import forked, watching_machine
+from standstill import forked, watching_machine
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="priorities and signals of Linux")
 
@@ -50,12 +51,14 @@ def test_forked_sleeper_ends_with_the_block_even_if_stopped() -> None:
 
 def test_forked_sleeper_ends_with_a_killed_parent() -> None:
     script = (
-        "import signal; from smarttac_can.assurance.timing.standstill import forked\n"
+        "import signal; from standstill import forked\n"
         "with forked(signal.pause) as one, forked(signal.pause) as other:\n"
         "    print(one.pid, other.pid, flush=True)\n"
         "    signal.pause()\n"
     )
-    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE) as parent:
+    with subprocess.Popen(
+        [sys.executable, "-c", script], stdout=subprocess.PIPE, cwd=Path(standstill.__file__).parent
+    ) as parent:
         assert parent.stdout is not None
         forks = [psutil.Process(int(pid)) for pid in parent.stdout.readline().split()]
         parent.kill()

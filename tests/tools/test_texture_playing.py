@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+import texture_playing
+from texture_playing import LEVELS, play
 
-from smarttac_can.assurance.trials import texture_playing
-from smarttac_can.assurance.trials.texture_playing import LEVELS, play
 from smarttac_can.bench import Texture, stimulator_od, track
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.vocabulary.states import VibrationLaw
