@@ -37,7 +37,6 @@ from smarttac_can.assurance.trials.sensor_sweep import (
     parse_cell,
     random_cells,
     run_cell,
-    softened,
     summary,
 )
 from smarttac_can.assurance.trials.workers import in_order
@@ -226,6 +225,18 @@ def swept(name: str, seed: int, cells: Sequence[Cell]) -> tuple[dict[str, Any], 
         "violations": sum(bool(result.violation) for result in results),
         "fingerprint": fingerprint(results),
     }, results
+
+
+def softened(cells: Sequence[Cell], softening: float) -> list[Cell]:
+    """Return the cells on a plate that softens, in Hz/um, and was identified in each of them."""
+    return [
+        replace(
+            cell,
+            softening=softening,
+            identified="sound" if cell.identified == "no" else cell.identified,
+        )
+        for cell in cells
+    ]
 
 
 _LIFTS_MS = (2.0, 8.0, 20.0)

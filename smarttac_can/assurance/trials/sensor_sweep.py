@@ -843,18 +843,6 @@ def grid_cells(seed: int, *, fine: bool = False) -> list[Cell]:
     return cells
 
 
-def softened(cells: Sequence[Cell], softening: float) -> list[Cell]:
-    """Return the cells on a plate that softens, in Hz/um, and was identified in each of them."""
-    return [
-        replace(
-            cell,
-            softening=softening,
-            identified="sound" if cell.identified == "no" else cell.identified,
-        )
-        for cell in cells
-    ]
-
-
 def random_cells(count: int, seed: int) -> list[Cell]:
     """Return cells drawn from the continuous ranges.
 
