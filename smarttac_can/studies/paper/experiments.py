@@ -15,6 +15,8 @@ from smarttac_can.canopen.od.cia import SYNC_ID
 from smarttac_can.canopen.od.timing import cycle_seconds, cyclic_frames
 from smarttac_can.instrument.nodes.stimulator_node import StimulatorNode
 from smarttac_can.science.plant.fitted import FITTED
+from smarttac_can.science.plant.friction import check_reach
+from smarttac_can.science.plant.subjects import SUBJECTS, Subject
 from smarttac_can.studies.paper.references import REFERENCES, STEP_UM
 from smarttac_can.vocabulary.signals import TARE_SAMPLES, TICK
 from smarttac_can.vocabulary.states import Law, Mode, VibrationLaw
@@ -47,13 +49,16 @@ _TOUCH_DOWN_S: Final = 0.3
 _RESTING_MM_S: Final = 5.0
 _TRAVEL_MM: Final = 16.0
 _IDENTIFY_S: Final = 0.6
+_VARIATION: Final = 0.2
+"""Of force and speed from pass to pass."""
 
 SubjectSet = Literal["presets", "fitted"]
 """Set of fingers for Table I."""
 
 
 class _Finger(NamedTuple):
-    subject: int
+    tip: Subject
+    number: int
     """Number in *Simulation.Subject*."""
     force: float
     """Normal force in N."""
@@ -62,9 +67,9 @@ class _Finger(NamedTuple):
 
 
 _FINGERS: Final[dict[SubjectSet, tuple[_Finger, ...]]] = {
-    "presets": tuple(_Finger(number, 0.5, 60.0) for number in COF_REFERENCES),
+    "presets": tuple(_Finger(SUBJECTS[number - 1], number, 0.5, 60.0) for number in COF_REFERENCES),
     "fitted": tuple(
-        _Finger(number, fitted.force, round(fitted.speed * 1e3, 1))
+        _Finger(fitted.subject, number, fitted.force, round(fitted.speed * 1e3, 1))
         for number, fitted in enumerate(FITTED, FIG2_SUBJECTS.stop)
     ),
 }
@@ -183,8 +188,19 @@ def _friction_reduction(conditions: Conditions) -> Iterator[Experiment]:
 
 
 def _friction_control(conditions: Conditions) -> Iterator[Experiment]:
-    """Yield the runs for Fig. 7 and Table I: the reference switches in the middle of the plate."""
+    """Yield the runs for Fig. 7 and Table I: the reference switches in the middle of the plate.
+
+    Raises
+    ------
+    ValueError
+        If a finger cannot reach its references.
+    """
     fingers = _FINGERS[conditions.subjects]
+    ends = (1.0 - _VARIATION, 1.0 + _VARIATION)
+    for references, finger in zip(COF_REFERENCES.values(), fingers, strict=True):
+        forces = (ends[0] * finger.force, ends[1] * finger.force)
+        speeds = (ends[0] * finger.speed * 1e-3, ends[1] * finger.speed * 1e-3)
+        check_reach(finger.tip, *references, forces=forces, speeds=speeds, f0=COLD_RESONANCE)
     for (number, references), finger in zip(COF_REFERENCES.items(), fingers, strict=True):
         seconds = _TOUCH_DOWN_S + PASSES * (1.2 * _TRAVEL_MM / finger.speed)
 
@@ -196,12 +212,12 @@ def _friction_control(conditions: Conditions) -> Iterator[Experiment]:
             seconds: float = seconds,
         ) -> list[Trace]:
             bench.finger.stroke(
-                finger.subject,
+                finger.number,
                 force=finger.force,
                 speed=finger.speed,
                 travel=_TRAVEL_MM,
-                force_variation=0.2,
-                speed_variation=0.2,
+                force_variation=_VARIATION,
+                speed_variation=_VARIATION,
             )
             _begin(bench, conditions, COLD, subject=number)
             bench.frequency = COLD_RESONANCE
