@@ -47,10 +47,6 @@ def test_each_row_of_changes_names_an_existing_file_and_symbol(row: list[str]) -
         assert hasattr(module, name.strip("`"))
 
 
-def test_a_newcomer_reads_no_more_than_a_screen() -> None:
-    assert 10 <= len(ROWS) <= 20
-
-
 @pytest.mark.parametrize("row", ADDITIONS, ids=lambda row: str(row[0]))
 def test_an_addition_touches_at_most_three_files(row: list[str]) -> None:
     _, files = row

@@ -1,4 +1,4 @@
-"""Forty questions of readers lead to the sentence that answers them."""
+"""Questions of readers lead to the sentence that answers them."""
 
 import re
 from pathlib import Path
@@ -19,18 +19,6 @@ def anchors(text: str) -> list[str]:
     without_code = re.sub(r"```.*?```", "", text, flags=re.DOTALL)
     titles = (re.sub(r"[^\w\- ]", "", title) for title in HEADING.findall(without_code))
     return [title.strip().lower().replace(" ", "-") for title in titles]
-
-
-def test_each_reader_has_ten() -> None:
-    sections = PAGE.read_text(encoding="utf-8").split("\n## ")[1:]
-    assert [section.partition("\n")[0] for section in sections] == [
-        "Integrator",
-        "Student",
-        "CI engineer",
-        "Author",
-    ]
-    assert [section.count("\n| ") - 1 for section in sections] == [10] * 4
-    assert len({question for question, *_ in ROWS}) == len(ROWS) == 40
 
 
 @pytest.mark.parametrize(("question", "page", "anchor", "says"), ROWS)

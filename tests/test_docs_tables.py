@@ -125,15 +125,6 @@ def test_table_of_a_frozen_stage_equals_the_plate() -> None:
         ]
 
 
-def test_micro_has_one_spelling_in_texts() -> None:
-    root = GUIDES.parents[1]
-    pages = [root / "README.md", *(root / "docs").rglob("*.md"), *(root / "eds").glob("*.eds")]
-    assert len(pages) > 30
-    for page in pages:
-        text = page.read_text(encoding="utf-8")
-        assert not re.search("[\N{MICRO SIGN}\N{GREEK SMALL LETTER MU}][mNsV]", text), page
-
-
 def test_drawing_of_states_has_each_event_that_changes_the_state() -> None:
     drawing = (GUIDES.parent / "images" / "states.svg").read_text(encoding="utf-8")
     labels = " ".join(re.findall(r"<text[^>]*>([^<]*)</text>", drawing))
