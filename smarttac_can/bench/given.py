@@ -8,7 +8,7 @@ what is meant by ``cof=True`` cannot be known. A masked element is no number eit
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from decimal import Decimal
 from enum import IntEnum
 from math import isfinite, nan
@@ -22,6 +22,9 @@ from smarttac_can.canopen.od.units import Quantity
 
 _ZERO: Final = 1e-9
 """Largest rounding error of a 0, for example in steps of 0.1 from -38 to 38."""
+_MOST_KEYS: Final = 100
+_LONGEST_VALUE: Final = 1000
+_MOST_INTEGER: Final = (1 << 63) - 1
 _LONGEST: Final = 60
 """Most characters of a refused value in a message."""
 
@@ -218,6 +221,33 @@ def require_text(name: str, text: object, least: int, most: int) -> None:
         raise ValueError(f"{name} {said(text)} is no text of {least} to {most} characters")
     if any("\ud800" <= character <= "\udfff" for character in text):
         raise ValueError(f"{name} {said(text)} has characters that UTF-8 does not have")
+
+
+def metadata(values: object) -> dict[str, str | float]:
+    """Return keys and values with which a caller describes a run or a recording, as they are kept.
+
+    Raises
+    ------
+    ValueError
+        If it is not a mapping of up to 100 keys, a key is not a text of 1 to 100 characters, or a
+        value is neither a text of up to 1000 characters nor a finite number.
+    """
+    if values is None:
+        return {}
+    if not isinstance(values, Mapping) or len(values) > _MOST_KEYS:
+        raise ValueError(f"metadata {said(values)} is no mapping of up to {_MOST_KEYS} keys")
+    kept: dict[str, str | float] = {}
+    for key, value in values.items():
+        require_text("key of the metadata", key, 1, _MOST_KEYS)
+        held = plain(value)
+        if isinstance(held, str):
+            require_text(key, held, 0, _LONGEST_VALUE)
+            kept[key] = str(held)
+        elif isinstance(held, Integral) and not _is_boolean(held):
+            kept[key] = integer(key, held, -_MOST_INTEGER, _MOST_INTEGER)
+        else:
+            kept[key] = finite(key, held)
+    return kept
 
 
 def require_callable(name: str, function: object) -> None:

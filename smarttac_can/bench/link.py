@@ -201,19 +201,22 @@ class Link(Protocol):
 
 
 class ClosedLink:
-    """A closed link, which refuses every access.
+    """A link that this process has no more, which refuses every access.
 
     Parameters
     ----------
     where
-        Name of the closed link.
+        Name of the link.
+    why
+        Why it is gone, and what to do.
     """
 
-    def __init__(self, where: str) -> None:
+    def __init__(self, where: str, why: str) -> None:
         self.where = where
+        self._why = why
 
     def __getattr__(self, _name: str) -> NoReturn:
-        raise BenchError(f"the stimulator over {self.where} is closed: connect anew")
+        raise BenchError(f"the stimulator over {self.where} {self._why}")
 
 
 class PublishedPdo:

@@ -44,6 +44,9 @@ class SimulatedFinger:
     ----------
     speed : float
         Speed in mm/s of the last `stroke`; 50 before the first.
+    subject : int
+        Number of the subject that strokes or is played, in force since the last start of a run that
+        this bench has made; 0 if it has put no finger on the plate.
     """
 
     __reduce_ex__ = stays_in_process("a finger")
@@ -56,6 +59,7 @@ class SimulatedFinger:
         self._read = read
         self._write = write
         self.speed = _SPEED
+        self.subject = self._next_subject = 0
 
     def __repr__(self) -> str:
         try:
@@ -86,9 +90,19 @@ class SimulatedFinger:
             f"drive instant {self._read('Simulation.Drive instant', 'us'):.0f} us"
         )
 
+    def recall(self) -> None:
+        """Take the subject from the simulation, which this process has just made."""
+        there = self._read("Finger.Motion", "") != LIFTED
+        self.subject = self._next_subject = int(self._read("Simulation.Subject", "")) * there
+
+    def begin(self) -> None:
+        """Note that a run begins, with which the last change is in force."""
+        self.subject = self._next_subject
+
     def lift(self) -> None:
         """Lift the finger off the plate."""
         self._write({"Finger.Motion": given("motion", LIFTED, "")})
+        self._next_subject = 0
 
     def play_recording(self) -> None:
         """Play the recorded finger with which the plate was started, ``--finger FILE``.
@@ -105,6 +119,7 @@ class SimulatedFinger:
                 raise
             text = f"{error}: the plate's node was started without a recording, --finger FILE"
             raise RefusedError(text, error.code) from error
+        self._next_subject = int(self._read("Simulation.Subject", ""))
 
     def stroke(
         self,
@@ -152,6 +167,7 @@ class SimulatedFinger:
             }
         )
         self.speed = now.quantity.in_unit("mm/s")
+        self._next_subject = int(subject)
 
     def put(self, placing: Placing, gravity: float = STANDARD_GRAVITY) -> None:
         """Put a weight on the simulated plate, with the tilt of the placing; the last one leaves.

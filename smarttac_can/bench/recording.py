@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
 from datetime import UTC, datetime
@@ -11,6 +12,7 @@ from types import TracebackType
 from typing import Any, Final, Self
 
 from smarttac_can import __version__
+from smarttac_can.bench.given import metadata as own_metadata
 from smarttac_can.bench.given import require_text, stays_in_process
 from smarttac_can.bench.link import Link, PublishedPdo
 from smarttac_can.bench.recorded_frames import TICK
@@ -47,7 +49,8 @@ class Recording:
     raw
         File for all frames of the bus in a format of python-can, or None.
     metadata
-        Texts of up to 1000 characters, by the names in `METADATA`.
+        Texts of up to 1000 characters, by the names in `METADATA`, and own keys with texts or
+        numbers.
     stop
         Function called when an error ends the block, before the file is made.
 
@@ -67,12 +70,12 @@ class Recording:
         od: ObjectDictionary,
         path: Path,
         raw: Path | None,
-        metadata: Mapping[str, str],
+        metadata: Mapping[str, str | float],
         stop: Callable[[], object],
     ) -> None:
-        for name, text in metadata.items():
-            require_text(name, text, 0, _LONGEST_TEXT)
-        self._metadata = {name: metadata.get(name, "") for name in METADATA}
+        for name in METADATA:
+            require_text(name, metadata.get(name, ""), 0, _LONGEST_TEXT)
+        self._metadata = {**dict.fromkeys(METADATA, ""), **own_metadata(metadata)}
         self._link = link
         self._od = od
         self.path = path
@@ -84,10 +87,12 @@ class Recording:
         self._stack = ExitStack()
         self._cycles = 0
         self._ods: list[ObjectDictionary] = []
+        self._process = os.getpid()
 
     def __repr__(self) -> str:
         if self.summary is not None:
-            state = f"{self.summary.rows} rows of 1 ms, {self.summary.lost} lost"
+            summary = self.summary
+            state = f"{summary.rows} rows of 1 ms, {summary.lost} lost, {summary.limited} limited"
         else:
             state = (
                 f"{self._cycles} cycles of 1 ms so far" if self.goes_on else "not being recorded"
@@ -164,6 +169,8 @@ class Recording:
         trace: TracebackType | None,
     ) -> None:
         log, self._log = self._log, None
+        if os.getpid() != self._process:  # a fork leaves the recording to its parent
+            return
         assert log is not None
         if error is not None:
             self._stop()

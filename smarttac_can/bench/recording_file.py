@@ -58,6 +58,8 @@ _FORMAT_1: Final = "SMARTTAC recording 1"
 SUFFIXES: Final = (".h5", ".hdf5")
 METADATA: Final = ("subject", "operator", "notes")
 """Names of the texts with which a person describes a recording."""
+_OWN: Final = "metadata."
+"""Beginning of the names of attributes that hold own metadata."""
 _STATUS, _MODE = "Statusword", "Mode display"
 _NAMES: Final = {column.object: column.name for column in COLUMNS} | {
     "Plate temperature": "temperature_degc",
@@ -101,6 +103,8 @@ class Summary(NamedTuple):
     emergencies: int
     damaged: int
     """Number of cut or damaged records of the log."""
+    limited: int
+    """Number of rows in which a limit of voltage, amplitude or frequency was in the way."""
 
 
 def require_h5py() -> None:
@@ -268,12 +272,13 @@ def _write(
         textures=len(found[RecordedTexture]),
         emergencies=len(found[Emergency]),
         damaged=reader.damaged,
+        limited=columns.limited,
     )
 
 
 class _Columns:
     def __init__(self, file: h5py.File, od: ObjectDictionary, channels: Mapping[str, bool]) -> None:
-        self.rows, self.runs = 0, 0
+        self.rows = self.runs = self.limited = 0
         self._od, self._channels, self._file = od, channels, file
         self._times = {name: _growing(file, name, "i8") for name in ("tick", "run", "host_time_ns")}
         group = file.create_group("channels", track_order=True)
@@ -289,6 +294,8 @@ class _Columns:
         for name, dataset in self._values.items():
             _append(dataset, _in_unit(self._od[name], rows.values))
         self.rows += len(rows.tick)
+        if _STATUS in rows.values:
+            self.limited += int(np.count_nonzero(rows.values[_STATUS] & Status.LIMITED))
         if len(rows.run):
             self.runs = int(rows.run[-1]) + 1
 
@@ -348,6 +355,9 @@ def _describe(
     given = head.get("metadata", {})
     for name in METADATA:
         file.attrs[name] = _storable(str(given.get(name, "")))
+    for name, value in given.items():
+        if name not in METADATA:
+            file.attrs[_OWN + _storable(name)] = _storable(value)
     for name, value in head["identity"].items():
         file.attrs[name] = _storable(value)
     settings = [
@@ -447,18 +457,26 @@ class RecordedData:
     textures: list[RecordedTexture]
     settings: Mapping[str, tuple[float, str]]
     """Value and unit by object of all settings at the beginning of the recording."""
-    metadata: Mapping[str, str]
-    """Texts by the names in `METADATA`; empty if not given."""
+    metadata: Mapping[str, str | float]
+    """Texts by the names in `METADATA`, empty if not given, and own keys."""
     attributes: Mapping[str, Any]
     """Attributes of the file: format, version, identity of the node, and so on."""
 
     def __len__(self) -> int:
         return len(self.tick)
 
+    @property
+    def limited(self) -> int:
+        """Number of rows in which a limit of voltage, amplitude or frequency was in the way."""
+        if "status" not in self.channels:
+            return 0
+        return int(np.count_nonzero(self.channels["status"] & Status.LIMITED))
+
     def __repr__(self) -> str:
         lost = sum(gap.ticks for gap in self.gaps)
         return (
-            f"<RecordedData {str(self.path)!r}: {len(self)} rows of 1 ms, {lost} lost; "
+            f"<RecordedData {str(self.path)!r}: {len(self)} rows of 1 ms, {lost} lost, "
+            f"{self.limited} limited; "
             f"markers {len(self.markers)}, set-points {len(self.set_points)}>"
         )
 
@@ -558,7 +576,10 @@ def _read(path: Path, file: UntrustedFile) -> RecordedData:
         gaps=file.table(file.dataset("gaps"), Missing),
         textures=[_read_texture(file, data) for _, data in file.members("textures")],
         settings=settings,
-        metadata={name: str(attributes.get(name, "")) for name in METADATA},
+        metadata={
+            **{name: str(attributes.get(name, "")) for name in METADATA},
+            **{n.removeprefix(_OWN): v for n, v in attributes.items() if n.startswith(_OWN)},
+        },
         attributes=attributes,
     )
 

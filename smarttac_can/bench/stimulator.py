@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import atexit
+import os
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, Self, cast
 
@@ -30,6 +33,7 @@ from smarttac_can.bench.given import (
     sequence,
     within,
 )
+from smarttac_can.bench.given import metadata as own_metadata
 from smarttac_can.bench.link import ClosedLink, Link, Reading, Row, unwrapped
 from smarttac_can.bench.named_objects import (
     ARMED,
@@ -40,6 +44,7 @@ from smarttac_can.bench.named_objects import (
 )
 from smarttac_can.bench.plate_loads import SimulatedFinger
 from smarttac_can.bench.recording import Recording
+from smarttac_can.bench.recording_file import METADATA
 from smarttac_can.bench.simulation import STIMULATOR_ID, LinkName, open_simulated_link
 from smarttac_can.bench.textures import FOLLOWED_HZ, Texture
 from smarttac_can.bench.traces import Trace, require_labels
@@ -271,7 +276,7 @@ class Stimulator(NamedObjects):
         """
         from smarttac_can.bench.can_link import open_can_link  # noqa: PLC0415 - loads canopen
 
-        return cls(
+        bench = cls(
             *open_can_link(
                 interface=interface,
                 channel=channel,
@@ -282,6 +287,8 @@ class Stimulator(NamedObjects):
                 options=options,
             )
         )
+        _CONNECTED.append(bench)
+        return bench
 
     @classmethod
     def simulate(
@@ -329,18 +336,19 @@ class Stimulator(NamedObjects):
         BenchError
             If a preset names an object that does not exist.
         """
-        given = {} if presets is None else presets
-        return cls(
+        bench = cls(
             *open_simulated_link(
                 link,
                 seed=seed,
                 subject=subject,
                 plate_inside=plate_inside,
                 finger=finger,
-                presets=given,
+                presets={} if presets is None else presets,
                 log=log,
             )
         )
+        bench.finger.recall()
+        return bench
 
     def __enter__(self) -> Self:
         return self
@@ -356,8 +364,12 @@ class Stimulator(NamedObjects):
     def close(self) -> None:
         """Disarm, unless this bench only reads, and leave the bus; may be called twice.
 
-        The end of a ``with`` block calls it. Without one, as in a notebook, the plate is driven
-        until this is called or the process ends. Any later access raises `BenchError`.
+        The end of a ``with`` block calls it, and so does a normal end of the process: of its last
+        line, by `sys.exit` or by an exception. A killed process cannot, and the stimulator trips
+        when it misses the heartbeat of this bench. Any later access raises `BenchError`.
+
+        A process that was forked from the one that connected has no connection of its own: there,
+        every access raises `BenchError`, and its end sends nothing.
 
         Raises
         ------
@@ -372,8 +384,14 @@ class Stimulator(NamedObjects):
             if not link.only_read:
                 self.disarm()
         finally:
-            self._link = cast("Link", ClosedLink(link.where))
+            self._link = cast("Link", ClosedLink(link.where, "is closed: connect anew"))
+            if self in _CONNECTED:
+                _CONNECTED.remove(self)
             link.close()
+
+    def _disown(self) -> None:
+        """Refuse every access from now on, without a word to the stimulator."""
+        self._link = cast("Link", ClosedLink(self._link.where, _PARENTS))
 
     def __dir__(self) -> list[str]:
         return [name for name in super().__dir__() if not name.startswith("_")]
@@ -468,6 +486,7 @@ class Stimulator(NamedObjects):
         """Restart plate, finger and noise of the simulation at tick 0, with the controllers off."""
         self._link.drive()
         self._link.start_run()
+        self.finger.begin()
 
     def tare(self) -> None:
         """Take the present gauge readings, without a finger, as zero.
@@ -592,8 +611,9 @@ class Stimulator(NamedObjects):
         self,
         seconds: float | str,
         experiment: str = "run",
-        subject: int = 0,
+        subject: int | None = None,
         *,
+        metadata: Mapping[str, str | float] | None = None,
         meanwhile: Callable[[int], None] = lambda _: None,
     ) -> Trace:
         """Run the loop, and return what was recorded in each of its cycles of 1 ms.
@@ -609,7 +629,11 @@ class Stimulator(NamedObjects):
             Length in s, 0.001 to 604800, or a text such as ``200 ms``; loop time in lockstep, time
             of the clock otherwise.
         experiment, subject
-            Labels of the trace.
+            Labels of the trace. By default the subject is that of the finger that this bench has
+            put on a simulated plate, `finger.subject`; 0 if there is none, or it is a person.
+        metadata
+            Own keys with texts or numbers that the trace and its CSV file keep, such as
+            ``{"humidity_percent": 45, "sample": "PMMA"}``.
         meanwhile
             Called again and again with the number of cycles recorded so far. It may write
             set-points, so that a step is within the trace.
@@ -635,14 +659,16 @@ class Stimulator(NamedObjects):
             On Ctrl-C, between two cycles.
 
         The last four errors disarm, unless this bench only reads. Their `trace` holds what was
-        recorded until then, or is None.
+        recorded until then, or is None. A warning is given if the COF that is asked for is out of
+        reach of the finger in most of the rows: `Trace.shortfall`.
         """
-        subject = require_labels(experiment, subject)
+        subject = require_labels(experiment, self.finger.subject if subject is None else subject)
+        made = partial(_trace, experiment, subject, own_metadata(metadata))
         require_callable("meanwhile", meanwhile)
         knew_fault = self._knows_fault
         cycles = round(within("seconds", seconds, 1e-3, _MOST_S, "s") * CYCLES_PER_SECOND)
         rows: list[Row] = []
-        with self._running(rows, experiment, subject) as interrupted:
+        with self._running(rows, made) as interrupted:
             with progress_bar(experiment, _LONG_S) as progress:
 
                 def ends() -> bool:
@@ -660,9 +686,11 @@ class Stimulator(NamedObjects):
                     "busy, or the bus too slow for it?"
                 )
             state = self.state
-        trace = Trace(experiment, subject, unwrapped(rows[:cycles]))
+        trace = made(rows[:cycles])
         if not knew_fault:
             self._require_no_fault(state, trace)
+        if trace.shortfall:
+            warnings.warn(trace.shortfall, stacklevel=2)
         return trace
 
     def sample(self, names: Sequence[str], count: int) -> npt.NDArray[np.float64]:
@@ -698,7 +726,7 @@ class Stimulator(NamedObjects):
         samples: list[list[float]] = []
         rows: list[Row] = []
         knew_fault = self._knows_fault
-        with self._running(rows, "sample", 0) as interrupted:
+        with self._running(rows, partial(_trace, "sample", 0, {})) as interrupted:
 
             def ends() -> bool:
                 if rows:
@@ -718,7 +746,7 @@ class Stimulator(NamedObjects):
 
     @contextmanager
     def _running(
-        self, rows: list[Row], experiment: str, subject: int
+        self, rows: list[Row], made: Callable[[list[Row]], Trace]
     ) -> Iterator[Callable[[], bool]]:
         """Disarm and keep what was recorded if an error ends a run.
 
@@ -730,13 +758,15 @@ class Stimulator(NamedObjects):
             except BusyError:  # the run of another thread goes on
                 raise
             except BenchError as error:
-                self._end_run(error, rows, experiment, subject)
+                self._end_run(error, rows, made)
                 raise
 
-    def _end_run(self, error: BenchError, rows: list[Row], experiment: str, subject: int) -> None:
+    def _end_run(
+        self, error: BenchError, rows: list[Row], made: Callable[[list[Row]], Trace]
+    ) -> None:
         """Attach what was recorded to the error that ends a run, and disarm."""
         if rows:
-            error.trace = Trace(experiment, subject, unwrapped(rows))
+            error.trace = made(rows)
             error.add_note(f".trace holds the {len(rows)} cycles until then")
         if not self._link.only_read:
             error.add_note(
@@ -753,6 +783,7 @@ class Stimulator(NamedObjects):
         subject: str = "",
         operator: str = "",
         notes: str = "",
+        metadata: Mapping[str, str | float] | None = None,
     ) -> Recording:
         """Record in the background during a ``with`` block.
 
@@ -770,11 +801,14 @@ class Stimulator(NamedObjects):
             selects; it must not exist.
         subject, operator, notes
             Texts stored in the file: who was recorded, by whom and how; up to 1000 characters each.
+        metadata
+            Own keys with texts or numbers, such as ``{"humidity_percent": 45, "sample": "PMMA"}``.
 
         Raises
         ------
         ValueError
-            If one of these is not a text, or too long.
+            If one of these is not a text, or too long, or `metadata` has another value, or one of
+            these three names as a key.
         BenchError
             If another recording of this bench is active. At the start of the block: if the file
             exists, has another suffix or cannot be written, h5py is missing, the TPDOs do not carry
@@ -782,12 +816,16 @@ class Stimulator(NamedObjects):
         """
         if self._recording is not None and self._recording.goes_on:
             raise BenchError(f"{self._recording.path} is being recorded: one file at a time")
+        own = own_metadata(metadata)
+        for name in METADATA:
+            if name in own:
+                raise ValueError(f"{name} is an argument of record: give it there, not in metadata")
         self._recording = Recording(
             self._link,
             self._od,
             Path(path),
             None if raw is None else Path(raw),
-            {"subject": subject, "operator": operator, "notes": notes},
+            {**own, "subject": subject, "operator": operator, "notes": notes},
             self._stop_driving,
         )
         return self._recording
@@ -824,6 +862,42 @@ class Stimulator(NamedObjects):
         if self._recording is None:
             raise BenchError("nothing is being recorded: markers go into a recording")
         self._recording.mark(text)
+
+
+def _trace(
+    experiment: str, subject: int, metadata: Mapping[str, str | float], rows: list[Row]
+) -> Trace:
+    return Trace(experiment, subject, unwrapped(rows), metadata)
+
+
+_PARENTS: Final = "belongs to the process from which this one was forked: connect here"
+_CONNECTED: Final[list[Stimulator]] = []
+"""Benches of this process that are connected to a bus and not closed."""
+
+
+@atexit.register
+def _close_all() -> None:
+    """Disarm at a normal end of the process what it has armed and not closed."""
+    for bench in list(_CONNECTED):
+        try:
+            bench.close()
+        except BenchError as error:
+            warnings.warn(f"{bench!r} could not be disarmed at the end: {error}", stacklevel=1)
+
+
+def _disown_all() -> None:
+    """Leave all benches to the process from which this one was forked.
+
+    The child has the sockets, but not the threads that receive: it could send, and would hear no
+    answer.
+    """
+    for bench in _CONNECTED:
+        bench._disown()  # noqa: SLF001 - a part of it
+    _CONNECTED.clear()
+
+
+if hasattr(os, "register_at_fork"):  # Windows does not fork
+    os.register_at_fork(after_in_child=_disown_all)
 
 
 def _sides(cof: float | str | Iterable[float | str]) -> dict[str, Given]:

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import csv
 import hashlib
+import json
 import re
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from decimal import Decimal
 from functools import cached_property
 from html import escape
@@ -20,6 +21,7 @@ from importlib.util import find_spec
 from io import TextIOWrapper
 from itertools import chain, groupby
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self, TypeVar, overload
 
 import numpy as np
@@ -27,6 +29,7 @@ import numpy.typing as npt
 
 from smarttac_can import __version__
 from smarttac_can.bench.given import integer, said, sequence
+from smarttac_can.bench.given import metadata as own_metadata
 from smarttac_can.canopen.master.errors import BenchError
 from smarttac_can.host.files import in_words, open_regular, result_file
 from smarttac_can.vocabulary.states import Status
@@ -93,6 +96,17 @@ _MOST_POINTS: Final = 4000
 _MOST_COUNT: Final = np.iinfo(np.int64).max
 _LONGEST_LINE = 1000
 _LONGEST_LABEL = 100
+_MISS: Final = 0.1
+"""Relative deviation of the COF from its reference that counts as not followed."""
+_MOSTLY: Final = 0.5
+"""Fraction of the rows with contact and reference in which it was not followed, to say so."""
+_BRIEF_ROWS: Final = 100
+"""Rows of a step or of the first touch, of which nothing is said."""
+_MIDDLE: Final = (0.05, 0.95)
+"""Quantiles of the COF that a message names, so that one noisy row says nothing."""
+_META: Final = "# metadata: "
+"""Beginning of a line of the CSV file with label, subject and metadata of a trace as JSON."""
+_LONGEST_META: Final = 1 << 20
 _MOST_SUBJECT: Final = (1 << 31) - 1
 _LABEL = re.compile(r"[a-z0-9_.]+")
 
@@ -146,6 +160,8 @@ class Trace:
     counts: Integers
     """The integers of the wire: a row for each tick, a column for each of `COLUMNS`. A trace from a
     file of format 1 lacks the last two columns. 0 where there is no value."""
+    metadata: Mapping[str, str | float] = field(default_factory=dict)
+    """Own keys with texts or numbers, such as the humidity in the room."""
 
     mu = _Former("cof", "1e-4")
     mu_ref = _Former("cof_reference", "1e-4")
@@ -158,6 +174,7 @@ class Trace:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "subject", require_labels(self.experiment, self.subject))
+        object.__setattr__(self, "metadata", MappingProxyType(own_metadata(self.metadata)))
         counts = np.array(self.counts)
         whole = counts.dtype.kind in "iu" and len(counts) and counts.max(initial=0) <= _MOST_COUNT
         if counts.ndim != 2 or not whole:  # noqa: PLR2004
@@ -176,7 +193,13 @@ class Trace:
             raise ValueError(f"ticks of {self.experiment} do not increase")
 
     @classmethod
-    def from_rows(cls, experiment: str, subject: int, rows: Sequence[Sequence[int]]) -> Trace:
+    def from_rows(
+        cls,
+        experiment: str,
+        subject: int,
+        rows: Sequence[Sequence[int]],
+        metadata: Mapping[str, str | float] | None = None,
+    ) -> Trace:
         """Create a trace from rows of the integers of the wire.
 
         Parameters
@@ -187,6 +210,8 @@ class Trace:
             Rows of tick in ms, COF and its reference in 1e-4, amplitude in 0.1 nm, voltage in
             10 mV, frequency in 0.01 Hz, tangential and normal force in mN; optionally position in
             0.01 mm and statusword.
+        metadata
+            Own keys with texts or numbers.
 
         Raises
         ------
@@ -197,14 +222,14 @@ class Trace:
             raise ValueError(f"the rows of {experiment} are no table of integers")
         if len({len(row) for row in rows}) > 1:
             raise ValueError(f"the rows of {experiment} differ in length")
-        return cls(experiment, subject, np.array(rows))
+        return cls(experiment, subject, np.array(rows), metadata or {})
 
     def __len__(self) -> int:
         return len(self.counts)
 
-    def __reduce__(self) -> tuple[type[Self], tuple[str, int, Integers]]:
+    def __reduce__(self) -> tuple[type[Self], tuple[str, int, Integers, dict[str, Any]]]:
         # A pickled copy of the arrays would be writable.
-        return type(self), (self.experiment, self.subject, self.counts)
+        return type(self), (self.experiment, self.subject, self.counts, dict(self.metadata))
 
     def __dir__(self) -> list[str]:
         former = [name for name, value in vars(type(self)).items() if isinstance(value, _Former)]
@@ -214,7 +239,7 @@ class Trace:
         first, last = self.tick[0], self.tick[-1]
         return (
             f"<Trace {self.experiment!r} of subject {self.subject}: {len(self)} rows, "
-            f"ticks {first}..{last} ms, {self.lost} lost>"
+            f"ticks {first}..{last} ms, {self.lost} lost, {self.limited} limited>"
         )
 
     @cached_property
@@ -231,6 +256,32 @@ class Trace:
     def lost(self) -> int:
         """Number of ticks between the first row and the last that were not recorded."""
         return int(self.tick[-1] - self.tick[0]) + 1 - len(self)
+
+    @property
+    def limited(self) -> int:
+        """Number of rows in which a limit of voltage, amplitude or frequency was in the way."""
+        return int(np.count_nonzero(self.status & Status.LIMITED))
+
+    @property
+    def shortfall(self) -> str:
+        """One line on a COF that was out of reach in most of the rows; empty if it was not.
+
+        It says what was asked for and what the finger gave: at the limits friction can be lowered
+        no further, and no drive raises it above that of the bare plate.
+        """
+        asked = ~np.isnan(self.cof_reference) & ~np.isnan(self.cof)
+        cut = asked & (self.status & Status.LIMITED != 0)
+        missed = cut & (np.abs(self.cof - self.cof_reference) > _MISS * self.cof_reference)
+        if np.count_nonzero(missed) <= max(_MOSTLY * np.count_nonzero(asked), _BRIEF_ROWS):
+            return ""
+        wanted = {self.cof_reference[missed].min(), self.cof_reference[missed].max()}
+        low, high = np.quantile(self.cof[missed], _MIDDLE)
+        return (
+            f"the COF could not follow in {np.count_nonzero(missed) / np.count_nonzero(asked):.1%} "
+            "of the rows with contact, where a limit was in the way: "
+            f"{' to '.join(f'{value:g}' for value in sorted(wanted))} was asked for, and this "
+            f"finger had {low:.2f} to {high:.2f}: ask for that, or raise the limits"
+        )
 
     @cached_property
     def cof(self) -> Floats:
@@ -293,8 +344,10 @@ class Trace:
                 "subject": self.subject,
                 "rows": len(self),
                 "lost_ticks": self.lost,
+                "limited_rows": self.limited,
                 "units": {column.name: column.unit or "1" for column in COLUMNS},
                 "made_by": f"smarttac-can {__version__}",
+                "metadata": dict(self.metadata),
             },
         )
 
@@ -342,7 +395,8 @@ class Trace:
                     )
             drawn.align_ylabels(rows)
             lost = f", {self.lost} ticks lost" if self.lost else ""
-            rows[0].set_title(f"{self.experiment}, subject {self.subject}{lost}")
+            cut = f", {self.limited / len(self):.1%} limited" if self.limited else ""
+            rows[0].set_title(f"{self.experiment}, subject {self.subject}{lost}{cut}")
             rows[-1].set_xlabel("time (s)")
         return drawn
 
@@ -435,8 +489,9 @@ def write_csv(path: Path | str, traces: Trace | Iterable[Trace]) -> None:
     r"""Write one or more traces as exact decimals, one row per tick, lines ending in ``\n``.
 
     The first line is a comment with the format, the second has the names of the columns. A cell is
-    empty where there is no value, for example the COF without contact. The same traces give the
-    same bytes. An existing file is replaced once everything is written.
+    empty where there is no value, for example the COF without contact. Between these two lines is a
+    comment for each trace with metadata. The same traces give the same bytes. An existing file is
+    replaced once everything is written.
 
     Raises
     ------
@@ -457,7 +512,12 @@ def write_csv(path: Path | str, traces: Trace | Iterable[Trace]) -> None:
         if labels.count(label) > 1:
             raise ValueError(f"experiment {label[0]} of subject {label[1]} appears twice")
     with result_file(Path(path)) as file:
-        file.write(f"{FORMAT}\n{','.join(HEADER)}\n")
+        file.write(f"{FORMAT}\n")
+        for trace in traces:
+            if trace.metadata:
+                own = [trace.experiment, trace.subject, dict(trace.metadata)]
+                file.write(f"{_META}{json.dumps(own)}\n")
+        file.write(f"{','.join(HEADER)}\n")
         for trace in traces:
             columns = [_cells(trace.counts, column) for column in COLUMNS]
             start = f"{trace.experiment},{trace.subject},"
@@ -484,10 +544,7 @@ def read_csv(path: Path | str) -> list[Trace]:
         # A longer line does not belong to a trace, and is not read as a whole.
         lines = iter(lambda: text.readline(_LONGEST_LINE), "")
         try:
-            return [
-                Trace.from_rows(experiment, int(subject), [row for _, _, row in rows])
-                for (experiment, subject), rows in groupby(_rows(lines), key=lambda row: row[:2])
-            ]
+            return list(_traces(text, lines))
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from error
 
@@ -497,6 +554,29 @@ def sha256(path: Path | str) -> str:
     """Return the SHA-256 of a file as 64 hexadecimal digits."""
     with Path(path).open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _traces(text: TextIOWrapper, lines: Iterator[str]) -> Iterator[Trace]:
+    first, second = next(lines, ""), ""
+    own: dict[tuple[str, int], dict[str, str | float]] = {}
+    while first.rstrip() == FORMAT and (second := text.readline(_LONGEST_META)).startswith(_META):
+        line = f"line {2 + len(own)}"
+        try:
+            experiment, subject, values = json.loads(second.removeprefix(_META))
+        except ValueError as error:
+            raise ValueError(f"{line}: the metadata are damaged: {error}") from error
+        if type(values) is not dict or type(subject) is not int:
+            raise ValueError(f"{line}: the metadata are damaged")
+        try:
+            own[str(experiment), subject] = own_metadata(values)
+        except ValueError as error:
+            raise ValueError(f"{line}: {error}") from error
+    rows = _rows(first, chain([second] if second else [], lines), len(own))
+    for (experiment, digits), group in groupby(rows, key=lambda row: row[:2]):
+        subject = int(digits)
+        yield Trace.from_rows(
+            experiment, subject, [row for _, _, row in group], own.get((experiment, subject))
+        )
 
 
 def _integers(counts: Integers, name: str) -> Integers:
@@ -526,23 +606,34 @@ def _cells(counts: Integers, column: Column) -> list[str]:
     ]
 
 
-def _rows(lines: Iterator[str]) -> Iterator[tuple[str, str, list[int]]]:
-    """Yield (experiment, subject, integers of the wire) for each line after the header."""
-    first = next(lines, "")
+def _rows(first: str, lines: Iterator[str], skipped: int) -> Iterator[tuple[str, str, list[int]]]:
+    """Yield (experiment, subject, integers of the wire) for each line after the header.
+
+    Parameters
+    ----------
+    first
+        First line of the file.
+    lines
+        Lines after that, without `skipped` lines of metadata.
+    skipped
+        Their number, so that messages name the right line.
+    """
     known = first.rstrip() == FORMAT
     columns, header = (COLUMNS, HEADER) if known else (_COLUMNS_1, _HEADER_1)
     reader = csv.reader(lines if known else chain([first], lines), quoting=csv.QUOTE_NONE)
     if tuple(next(reader, ())) != header:
         names = ",".join(header)
         raise ValueError(
-            f"line 2 is not {names}" if known else f"line 1 is neither {FORMAT} nor {names}"
+            f"line {2 + skipped} is not {names}"
+            if known
+            else f"line 1 is neither {FORMAT} nor {names}"
         )
     number = [
         re.compile(r"-?\d+" + (rf"\.\d{{{c.decimals}}}" if c.decimals else ""), re.ASCII)
         for c in columns
     ]
     for fields in reader:
-        line = known + reader.line_num
+        line = known + skipped + reader.line_num
         if len(fields) != len(header):
             raise ValueError(f"line {line} has {len(fields)} of {len(header)} fields")
         experiment, subject, *texts = fields

@@ -94,16 +94,19 @@ def record(
     """
     own = [file.with_name(file.name + suffix) for suffix in ("", ".log")]
     refuse_own_files(own, (raw, json_file), "the recording")
-    given = zip(METADATA, (subject, operator, notes), strict=True)
-    metadata = {name: text for name, text in given if text is not None}
+    given = dict(zip(METADATA, (subject, operator, notes), strict=True))
     with reporting(json_file, ValueError) as write_results:
         require_new(file)
         if log is not None:
-            _refuse_bus(at.bus, seconds, raw, *metadata)
+            _refuse_bus(
+                at.bus, seconds, raw, *(name for name, text in given.items() if text is not None)
+            )
             summary = make_recording(log, file)
         else:
             with stop_on_signals() as stopped, at.connect(timeout=timeout) as bench:
-                recording = bench.record(file, raw=raw, **metadata)
+                recording = bench.record(
+                    file, raw=raw, subject=subject or "", operator=operator or "", notes=notes or ""
+                )
                 summary = _recorded(recording, stopped, seconds)
         write_results({"file": str(file), **summary._asdict()}, _lines(file, summary))
         if log is None and summary.rows == 0:
@@ -155,6 +158,7 @@ def _lines(file: Path, summary: Summary) -> list[str]:
         _counted(summary.markers, "marker"),
         f"{_counted(summary.set_points, 'change')} of set-points",
         _counted(summary.textures, "texture"),
+        f"{_counted(summary.limited, 'row')} at a limit",
         f"{summary.emergencies} {'emergency' if summary.emergencies == 1 else 'emergencies'}",
     ]
     lines = [f"{file}: {', '.join(counts)}"]

@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import refusal, run, succeed
+from nodes_on_a_bus import until
 
 from smarttac_can.bench import (
     BenchError,
@@ -141,7 +142,7 @@ def test_arrays_with_the_names_and_units_of_a_trace(bench: Stimulator, tmp_path:
     assert table.attrs["units"]["amplitude_um"] == "um"
     assert list(table.columns[:4]) == ["time_s", "run", "tick", "host_time_ns"]
     assert repr(recording).startswith(
-        f"<RecordedData '{tmp_path / 'run.h5'}': 600 rows of 1 ms, 0 lost; "
+        f"<RecordedData '{tmp_path / 'run.h5'}': 600 rows of 1 ms, 0 lost, 0 limited; "
     )
 
 
@@ -189,6 +190,66 @@ def simulated(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("simulated")
+def test_own_metadata_of_a_recording_is_read_back(tmp_path: Path) -> None:
+    own = {"humidity_percent": 45, "temperature": 21.5, "sample": "PMMA \N{GREEK SMALL LETTER MU}"}
+    path = tmp_path / "run.h5"
+    with Stimulator.simulate("local") as bench:
+        given = {**own, "humidity_percent": np.int64(45)}
+        with bench.record(path, subject="P07", metadata=given):
+            bench.run(0.01)
+        read = read_recording(path)
+        assert read.metadata == {"subject": "P07", "operator": "", "notes": "", **own}
+        assert read.to_dataframe().attrs["sample"] == own["sample"]
+        for wrong, text in (
+            (
+                {"subject": "x"},
+                "^subject is an argument of record: give it there, not in metadata$",
+            ),
+            ({"sample": None}, "^sample None is not a finite number$"),
+            ({3: "x"}, "^key of the metadata 3 is no text of 1 to 100 characters$"),
+            (["x"], r"^metadata \['x'\] is no mapping of up to 100 keys$"),
+        ):
+            with pytest.raises(ValueError, match=text):
+                bench.record(tmp_path / "b.h5", metadata=wrong)  # type: ignore[arg-type]
+
+
+def test_limited_rows_of_a_recording_are_counted(tmp_path: Path) -> None:
+    with Stimulator.simulate("local", subject=2) as bench:
+        touched(bench, cof=2.0)
+        with bench.record(tmp_path / "run.h5") as recording, pytest.warns(UserWarning, match="COF"):
+            trace = bench.run(0.5)
+    read = read_recording(tmp_path / "run.h5")
+    assert recording.summary is not None
+    assert trace.limited == recording.summary.limited == read.limited > 250
+    assert repr(recording).endswith(f" rows of 1 ms, 0 lost, {trace.limited} limited>")
+
+
+def test_a_recording_that_goes_on_is_looked_into_by_a_copy(tmp_path: Path) -> None:
+    with Stimulator.simulate("local") as bench, bench.record(tmp_path / "run.h5") as recording:
+        bench.run(0.2)
+        recording.check()
+        until(lambda: make_recording(recording.log_path, new_copy(tmp_path)).rows == 200)
+        bench.run(0.1)
+    assert recording.summary is not None
+    assert recording.summary.rows == 300
+
+
+def new_copy(folder: Path) -> Path:
+    copy = folder / "copy.h5"
+    copy.unlink(missing_ok=True)
+    return copy
+
+
+def touched(bench: Stimulator, cof: float) -> None:
+    """Regulate the friction of a finger that strokes."""
+    bench.finger.stroke(2)
+    bench.start_run()
+    bench.tare()
+    bench.amplitude = 1.0
+    bench.cof = cof
+    bench.mode = "friction"
+
+
 def test_metadata_of_the_command(tmp_path: Path) -> None:
     path = tmp_path / "run.h5"
     said = ["--subject", "P07", "--operator", "jd", "--notes", "dry"]
@@ -286,7 +347,7 @@ def test_reprs(tmp_path: Path) -> None:
         with recording:
             bench.run(0.02)
             assert repr(recording).endswith("run.h5': 20 cycles of 1 ms so far>")
-        assert repr(recording).endswith("run.h5': 20 rows of 1 ms, 0 lost>")
+        assert repr(recording).endswith("run.h5': 20 rows of 1 ms, 0 lost, 0 limited>")
         reading = bench.read()
     assert repr(reading) == (
         f"<Reading of 0.000 s ago: NOT_READY, mode OFF, status LIVE; no contact, "

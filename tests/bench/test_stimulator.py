@@ -1,5 +1,6 @@
 """The bench's client: the same over every link, in a person's units."""
 
+import warnings
 from collections.abc import Callable
 from math import isnan
 from typing import Any
@@ -20,7 +21,7 @@ from smarttac_can.bench import (
 )
 from smarttac_can.bench.simulation import LinkName, LocalLink, simulated_block
 from smarttac_can.vocabulary.faults import FaultKind
-from smarttac_can.vocabulary.states import Control, State
+from smarttac_can.vocabulary.states import Control, State, Status
 from smarttac_can.vocabulary.watchdogs import Watchdog
 
 LINKS: tuple[LinkName, ...] = ("local", "bus")
@@ -116,11 +117,48 @@ def test_state_mode_and_laws_print_their_names(bench: Stimulator) -> None:
     assert f"{bench.mode:>5} {bench.mode:d} {bench.law:02X}" == "  OFF 0 00"
 
 
+@pytest.mark.parametrize("link", ["local", "bus"])
+def test_a_trace_has_the_subject_of_the_finger_in_force(link: LinkName) -> None:
+    with Stimulator.simulate(link, subject=4) as bench:
+        assert bench.run(0.001).subject == 0, "it is lifted"
+        bench.finger.stroke(3)
+        assert bench.run(0.001).subject == 0, "it is in force from the next start on"
+        bench.start_run()
+        assert bench.run(0.001).subject == 3
+        assert bench.run(0.001, subject=7).subject == 7
+        bench.finger.lift()
+        bench.start_run()
+        assert bench.run(0.001).subject == 0
+    with Stimulator.simulate(link, subject=4, finger=[(0, 0, 1), (1, 0, 1)]) as bench:
+        assert bench.run(0.001).subject == 4
+
+
+@pytest.mark.parametrize(("cof", "says"), [(0.3, ""), (2.0, "2 was asked for, and this finger ha")])
+def test_a_cof_out_of_reach_is_warned_of_with_what_the_finger_can(cof: float, says: str) -> None:
+    with Stimulator.simulate("local", subject=2) as bench:
+        bench.finger.stroke(2)
+        bench.start_run()
+        bench.tare()
+        bench.amplitude = 1.0
+        bench.cof = cof
+        bench.mode = "friction"
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            trace = bench.run(0.5)
+    assert [str(one.message) for one in told] == ([trace.shortfall] if says else [])
+    assert says in trace.shortfall
+    low, high = np.nanquantile(trace.cof, (0.05, 0.95))
+    assert not says or f"had {low:.2f} to {high:.2f}: ask for that" in trace.shortfall
+    assert f" {np.count_nonzero(trace.status & Status.LIMITED)} limited>" in repr(trace)
+
+
 def test_repr_of_stimulator_and_trace() -> None:
     with Stimulator.simulate("local") as bench:
         trace = bench.run(0.05, experiment="trial.1", subject=2)
         assert repr(bench) == "<Stimulator over the local link>"
-    assert repr(trace) == "<Trace 'trial.1' of subject 2: 50 rows, ticks 0..49 ms, 0 lost>"
+    assert (
+        repr(trace) == "<Trace 'trial.1' of subject 2: 50 rows, ticks 0..49 ms, 0 lost, 0 limited>"
+    )
     with Stimulator.simulate("bus") as bench:
         assert repr(bench) == "<Stimulator over the local bus>"
 

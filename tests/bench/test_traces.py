@@ -1,6 +1,8 @@
 """A trace for a person: tables with units in their names, and pictures in a notebook."""
 
 import importlib
+import pickle
+import re
 import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
@@ -12,7 +14,7 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-from smarttac_can.bench import BenchError, Stimulator, Trace
+from smarttac_can.bench import BenchError, Stimulator, Trace, read_csv, write_csv
 
 NAMES = [
     *("time_s", "cof", "cof_reference", "amplitude_um", "voltage_v", "frequency_hz"),
@@ -29,6 +31,40 @@ def trace() -> Iterator[Trace]:
         bench.amplitude = 1.0
         bench.mode = "friction"
         yield bench.run(0.5, "rough.b", 2)
+
+
+OWN = {"humidity_percent": 45, "room": 21.5, "sample": "PMMA, \N{GREEK SMALL LETTER MU}"}
+
+
+def test_own_metadata_of_traces_is_read_back_from_a_csv(trace: Trace, tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    rows = trace.counts.tolist()
+    described = [Trace.from_rows("a", n, rows, {**OWN, "sample": str(n)}) for n in range(3)]
+    write_csv(path, [*described, trace])
+    read = read_csv(path)
+    assert [one.metadata for one in read] == [one.metadata for one in (*described, trace)]
+    assert [one.subject for one in read] == [0, 1, 2, 2]
+    np.testing.assert_array_equal(read[1].counts, trace.counts)
+    assert pickle.loads(pickle.dumps(read[1])).metadata == read[1].metadata
+    assert read[2].to_dataframe().attrs["metadata"] == {**OWN, "sample": "2"}
+    write_csv(path, trace)
+    assert b"metadata" not in path.read_bytes(), "without metadata the file is as before"
+
+
+@pytest.mark.parametrize(
+    ("line", "refusal"),
+    [
+        ('# metadata: ["a", 0, {"x": 1', "run.csv: line 2: the metadata are damaged"),
+        ('# metadata: ["a", 0, ["x"]]', "run.csv: line 2: the metadata are damaged"),
+        ('# metadata: ["a", 0, {"x": null}]', "run.csv: line 2: x None is not a finite number"),
+        ('# metadata: ["a", 0, {}]\nfoo', "run.csv: line 3 is not experiment,subject,time_s"),
+    ],
+)
+def test_damaged_metadata_of_a_csv_are_refused(line: str, refusal: str, tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text(f"# format: SMARTTAC traces 2\n{line}\n", encoding="ascii")
+    with pytest.raises(ValueError, match=re.escape(refusal)):
+        read_csv(path)
 
 
 def test_a_data_frame(trace: Trace) -> None:
@@ -78,7 +114,8 @@ def test_a_picture(trace: Trace, tmp_path: Path) -> None:
     assert [axes.get_ylabel() for axes in figure.axes] == PANELS
     cof = figure.axes[0]
     measured, reference = cof.lines
-    assert cof.get_title(loc="left") == "rough.b, subject 2"
+    share = f"{trace.limited / len(trace):.1%}"
+    assert cof.get_title(loc="left") == f"rough.b, subject 2, {share} limited"
     np.testing.assert_array_equal(measured.get_xdata(), trace.time_s)
     np.testing.assert_array_equal(measured.get_ydata(), trace.cof)
     np.testing.assert_array_equal(reference.get_ydata(), trace.cof_reference)
@@ -106,7 +143,7 @@ def test_plot_refuses_figures_of_another_type(trace: Trace, given: Any) -> None:
 
 def test_a_line_ends_where_ticks_are_missing(trace: Trace) -> None:
     figure = without(trace, 300, 310).plot()
-    assert figure.axes[0].get_title(loc="left") == "rough.b, subject 2, 10 ticks lost"
+    assert figure.axes[0].get_title(loc="left").startswith("rough.b, subject 2, 10 ticks lost, ")
     (voltage,) = figure.axes[3].lines
     x, y = (np.asarray(data) for data in voltage.get_data())
     assert np.flatnonzero(np.isnan(y)).tolist() == np.flatnonzero(np.isnan(x)).tolist() == [300]

@@ -201,16 +201,16 @@ def test_one_file_twice_is_refused(tmp_path: Path, option: str, suffix: str) -> 
 
 
 def test_one_is_one_and_not_many() -> None:
-    few = _lines(Path("run.h5"), Summary(1, 1, 1, 1, 1, 1, 1, 1, 1))
+    few = _lines(Path("run.h5"), Summary(1, 1, 1, 1, 1, 1, 1, 1, 1, 1))
     assert few == [
         "run.h5: 1 row, 1 lost tick in 1 gap, 1 run, 1 marker, 1 change of set-points, "
-        "1 texture, 1 emergency",
+        "1 texture, 1 row at a limit, 1 emergency",
         "1 record of the log was cut or damaged, and left out",
     ]
-    many = _lines(Path("run.h5"), Summary(2, 0, 0, 2, 0, 2, 0, 0, 0))
+    many = _lines(Path("run.h5"), Summary(2, 0, 0, 2, 0, 2, 0, 0, 0, 0))
     assert many == [
         "run.h5: 2 rows, 0 lost ticks in 0 gaps, 2 runs, 0 markers, 2 changes of set-points, "
-        "0 textures, 0 emergencies"
+        "0 textures, 0 rows at a limit, 0 emergencies"
     ]
 
 
