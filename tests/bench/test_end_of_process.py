@@ -26,9 +26,9 @@ from smarttac_can.bench import BenchError, Stimulator
 
 def drive():
     bench = Stimulator.connect(**{bus})
+    bench.set("Limit.Missed ticks", 50)  # a busy machine
     bench.voltage = 20.0
     bench.mode = "open_loop"
-    bench.run(0.5)
     return bench
 """
 FORK = """
@@ -58,18 +58,26 @@ bench.close()
 
 
 @pytest.fixture
-def node(multicast: dict[str, Any]) -> Iterator[NodeProcess]:
-    with processes(multicast, "node --finger none") as (made,):
+def lockstep(request: pytest.FixtureRequest) -> bool:
+    return getattr(request, "param", False)
+
+
+@pytest.fixture
+def node(multicast: dict[str, Any], *, lockstep: bool) -> Iterator[NodeProcess]:
+    with processes(multicast, "node --finger none" + lockstep * " --lockstep") as (made,):
         yield made
 
 
 @pytest.fixture
-def script(multicast: dict[str, Any]) -> Callable[..., subprocess.CompletedProcess[str]]:
+def script(
+    multicast: dict[str, Any], *, lockstep: bool
+) -> Callable[..., subprocess.CompletedProcess[str]]:
     """Run what follows on the start of a script in a process."""
+    bus = {**multicast, "lockstep": lockstep}
 
     def run(rest: str, *arguments: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
-            [sys.executable, "-c", DRIVE.format(bus=multicast) + rest, *arguments],
+            [sys.executable, "-c", DRIVE.format(bus=bus) + rest, *arguments],
             capture_output=True,
             text=True,
             timeout=GUARD_S,
@@ -150,6 +158,7 @@ def test_a_forked_process_has_no_connection_and_ends_no_recording(
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
+@pytest.mark.parametrize("lockstep", [True], indirect=True)  # starting processes takes long
 def test_forked_processes_disarm_nothing_and_say_why(
     node: NodeProcess,
     script: Callable[..., subprocess.CompletedProcess[str]],

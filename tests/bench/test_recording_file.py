@@ -28,6 +28,7 @@ from smarttac_can.bench import (
     recording_file,
 )
 from smarttac_can.host.frame_log import FrameLog
+from smarttac_can.vocabulary.states import Status
 
 GRATING = Texture.grating(2.0, 0.25, 0.45, shape="sine")
 RAMP = Texture.profile("ramp", 0.2, 0.4, 0.05)
@@ -141,8 +142,9 @@ def test_arrays_with_the_names_and_units_of_a_trace(bench: Stimulator, tmp_path:
     pd.testing.assert_frame_equal(table[list(frame.columns)], frame)
     assert table.attrs["units"]["amplitude_um"] == "um"
     assert list(table.columns[:4]) == ["time_s", "run", "tick", "host_time_ns"]
+    limited = np.count_nonzero(frame["status"] & Status.LIMITED)
     assert repr(recording).startswith(
-        f"<RecordedData '{tmp_path / 'run.h5'}': 600 rows of 1 ms, 0 lost, 0 limited; "
+        f"<RecordedData '{tmp_path / 'run.h5'}': 600 rows of 1 ms, 0 lost, {limited} limited; "
     )
 
 
@@ -189,7 +191,6 @@ def simulated(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Stimulator, "connect", connect)
 
 
-@pytest.mark.usefixtures("simulated")
 def test_own_metadata_of_a_recording_is_read_back(tmp_path: Path) -> None:
     own = {"humidity_percent": 45, "temperature": 21.5, "sample": "PMMA \N{GREEK SMALL LETTER MU}"}
     path = tmp_path / "run.h5"
@@ -250,6 +251,7 @@ def touched(bench: Stimulator, cof: float) -> None:
     bench.mode = "friction"
 
 
+@pytest.mark.usefixtures("simulated")
 def test_metadata_of_the_command(tmp_path: Path) -> None:
     path = tmp_path / "run.h5"
     said = ["--subject", "P07", "--operator", "jd", "--notes", "dry"]
