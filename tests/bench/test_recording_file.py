@@ -142,7 +142,7 @@ def test_arrays_with_the_names_and_units_of_a_trace(bench: Stimulator, tmp_path:
     pd.testing.assert_frame_equal(table[list(frame.columns)], frame)
     assert table.attrs["units"]["amplitude_um"] == "um"
     assert list(table.columns[:4]) == ["time_s", "run", "tick", "host_time_ns"]
-    limited = np.count_nonzero(frame["status"] & Status.LIMITED)
+    limited = np.count_nonzero(trace.status & Status.LIMITED)
     assert repr(recording).startswith(
         f"<RecordedData '{tmp_path / 'run.h5'}': 600 rows of 1 ms, 0 lost, {limited} limited; "
     )
