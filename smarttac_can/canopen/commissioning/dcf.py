@@ -311,8 +311,8 @@ def find_entry(od: ObjectDictionary, name: str) -> Entry:
     ValueError
         There is none, or more than one.
     """
-    if name in od:
-        return od[name]
+    if (called := od.called(name)) is not None:
+        return called
     found = _SECTION.match(name)
     if found is None:
         near = get_close_matches(name, [entry.name for entry in od], _HINTS)

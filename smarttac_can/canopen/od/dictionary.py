@@ -17,6 +17,7 @@ from smarttac_can.canopen.od.cia import (
 )
 from smarttac_can.canopen.od.data_types import bounds
 from smarttac_can.canopen.od.entry import Entry
+from smarttac_can.canopen.od.units import split_name
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +102,27 @@ class ObjectDictionary:
     def find(self, name: str) -> Entry | None:
         """Return the entry with a name; None if there is none or more than one."""
         return self._names.get(name)
+
+    def called(self, name: str) -> Entry | None:
+        """Return the entry that a person calls by a name; None if there is none or more than one.
+
+        Besides its own name, it takes the spellings that `smarttac_can.canopen.od.units` lists.
+        """
+        if (entry := self.find(name)) is not None:
+            return entry
+        try:
+            title, unit = split_name(name)
+        except ValueError:
+            return None
+        bracketed = title != name
+        if bracketed and (entry := self.find(title)) is not None:
+            return entry if entry.unit == unit else None
+        found = [
+            entry
+            for entry in self
+            if entry.name.rpartition(".")[2] == title and not (bracketed and entry.unit != unit)
+        ]
+        return found[0] if len(found) == 1 else None
 
     def entry(self, index: int, subindex: int = 0) -> Entry:
         """Return the entry at an index and sub-index.

@@ -1,4 +1,18 @@
-"""Quantities: one count of an object, as in ``Voltage [10 mV]``, and values with a unit."""
+"""Quantities: one count of an object, as in ``Voltage [10 mV]``, and values with a unit.
+
+A ParameterName of our EDS files ends with the unit of one count in brackets. Here the unit is
+taken off, and the object is called by the rest: ``Contact.COF`` for "COF [0.0001]" in the record
+"Contact".
+
+The names in the files keep their unit. Foreign tools show a raw value beside the ParameterName
+and nothing else, so without the unit 3600 would not say that it is a coefficient of 0.36.
+python-canopen finds an object by the whole ParameterName ("Contact", "COF [0.0001]"). DCFs, DBC
+signals and users' scripts that exist would break if the names changed. Where a person gives a
+name to ``smarttac sdo`` or ``eds dcf --set``, `ObjectDictionary.called` takes each spelling that
+can be seen somewhere: ``Contact.COF``, ``Contact.COF [0.0001]``, and ``COF [0.0001]`` or ``COF``
+alone if only one object is called so. Another unit in the brackets is refused: it would be
+another scale. A bench, whose names are code, takes ``Contact.COF`` alone.
+"""
 
 from __future__ import annotations
 

@@ -2,6 +2,7 @@ import pytest
 
 from smarttac_can.canopen.od.cia import Abort, AbortCode, DataType, ObjectType
 from smarttac_can.canopen.od.dictionary import Object, ObjectDictionary
+from smarttac_can.canopen.od.eds import load_eds
 from smarttac_can.canopen.od.entry import MAX_BYTES, Entry
 
 
@@ -72,3 +73,33 @@ def test_reset_touches_only_its_range() -> None:
 def test_abort_text_names_its_code() -> None:
     assert str(Abort(AbortCode.TOO_HIGH)) == "abort 06090031: value written too high"
     assert str(Abort(0x08001234)) == "abort 08001234: manufacturer specific"
+
+
+@pytest.mark.parametrize(
+    ("name", "address"),
+    [
+        ("Contact.COF", (0x2001, 1)),
+        ("Contact.COF [0.0001]", (0x2001, 1)),
+        ("COF [0.0001]", (0x2001, 1)),
+        ("COF", (0x2001, 1)),
+        ("COF [0.001]", None),
+        ("Contact.COF [0.001]", None),
+        ("Speed", None),  # of two records
+        ("Speed [mm/s]", (0x2002, 1)),
+        ("Force", None),
+    ],
+)
+def test_an_object_is_called_with_or_without_its_unit(
+    name: str, address: tuple[int, int] | None
+) -> None:
+    members = {
+        0x2001: ("Contact", ("COF [0.0001]", "Speed [0.1 mm/s]")),
+        0x2002: ("Finger", ("Speed [mm/s]",)),
+    }
+    text = ""
+    for index, (record, names) in members.items():
+        text += f"[{index:X}]\nParameterName={record}\nObjectType=9\n"
+        for number, member in enumerate(names, 1):
+            text += f"[{index:X}sub{number}]\nParameterName={member}\nDataType=3\nAccessType=rw\n"
+    found = load_eds(text, 5).called(name)
+    assert (found and (found.index, found.subindex)) == address
