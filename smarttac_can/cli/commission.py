@@ -31,11 +31,13 @@ from smarttac_can.canopen.conformance.general import differences
 from smarttac_can.canopen.conformance.run import (
     CASES,
     as_json,
-    failed,
+    junit,
+    known_deviations,
     line,
     markdown,
     run_cases,
     summary,
+    unexpected,
 )
 from smarttac_can.canopen.master.errors import NodeNotFoundError
 from smarttac_can.canopen.od.cia import STORE_EDS
@@ -638,6 +640,12 @@ def _chosen(
     help="Case such as SDO-07, or group such as SDO; may come several times.",
 )
 @click.option("--report", type=result_path, help="Markdown file for the report.")
+@click.option("--junit", "junit_file", type=result_path, help="JUnit XML file, for a CI service.")
+@click.option(
+    "--known",
+    type=OLD_FILE,
+    help="TOML file of known deviations, CASE = 'reason': these may fail.",
+)
 @json_options()
 def conform(
     *,
@@ -647,16 +655,23 @@ def conform(
     timeout: float,
     cases: Sequence[Case],
     report: Path | None,
+    junit_file: Path | None,
+    known: Path | None,
     json_file: Path | None,
 ) -> None:
-    """Test a CANopen device by its EDS; the exit code is 1 if a case fails.
+    """Test a CANopen device by its EDS; the exit code is 1 if a case fails that may not.
 
     The device should be alone on the bus. It is reset before each case and at the end, and what is
     writable is written: disconnect what must not move. A case that a device refuses by an unusual
-    abort code passes, with a remark.
+    abort code passes, with a remark. A known deviation that passes ends with exit code 1, too.
     """
     with reporting(json_file) as write_results, ExitStack() as stack:
         page = None if report is None else stack.enter_context(result_file(report))
+        xml = None if junit_file is None else stack.enter_context(result_file(junit_file))
+        deviations = {}
+        if known is not None:
+            with naming(known, ValueError):
+                deviations = known_deviations(known.read_text(encoding="utf-8"))
         show: Callable[[str], None] = partial(click.echo, err=json_file == Path("-"))
         with naming(eds):
             node_id_of(read_sections(read_eds_file(eds), []), node_id)
@@ -676,6 +691,12 @@ def conform(
         show(summary(results))
         if page is not None:
             page.write(markdown(results, device))
+        if xml is not None:
+            xml.write(junit(results, device, deviations))
         write_results(as_json(results, device), ())
-    if failed(results):
+        wrong = unexpected(results, deviations)
+        if known is not None:
+            for text in wrong:
+                click.echo(text, err=True)
+    if wrong:
         raise click.exceptions.Exit(1)

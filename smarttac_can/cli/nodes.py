@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
+import runpy
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from functools import wraps
+from functools import partial, wraps
 from pathlib import Path
 from secrets import randbelow
 from typing import Any, Final, NamedTuple
@@ -16,9 +17,11 @@ from click.core import ParameterSource
 
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID, know_nulls
 from smarttac_can.canopen.bus.bus import BusError, QueueFullError
+from smarttac_can.canopen.commissioning.dcf import find_entry
 from smarttac_can.canopen.device.device import Device
 from smarttac_can.canopen.device.nmt import NMTState
-from smarttac_can.canopen.od.cia import UNCONFIGURED, Abort
+from smarttac_can.canopen.od.cia import COMMUNICATION_LAST, UNCONFIGURED, Abort
+from smarttac_can.canopen.od.data_types import REAL
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.eds import load_eds
 from smarttac_can.canopen.od.eds_check import check_pdos
@@ -26,10 +29,12 @@ from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.cli.shared import (
     EDS_FILE,
     NODE_ID,
+    OLD_FILE,
     BusChoice,
     Command,
     bus_options,
     load_own,
+    naming,
     one_line,
     plain_errors,
     require_two_nodes,
@@ -620,6 +625,12 @@ def blaming(eds: Path | None) -> Iterator[None]:
 @click.option("--autostart", is_flag=True, help="OPERATIONAL without waiting for a master.")
 @lockstep_option
 @storage_option("File for stored parameters; without it they end with the command.")
+@click.option(
+    "--answers",
+    type=OLD_FILE,
+    metavar="FILE",
+    help="Python file with ANSWERS, a function of the objects for each object that it answers.",
+)
 def device(
     *,
     eds: Path,
@@ -629,6 +640,7 @@ def device(
     autostart: bool,
     lockstep: bool,
     storage: StorageFile | None,
+    answers: Path | None,
 ) -> None:
     """Run a device of any EDS, with its values in memory, until Ctrl-C or SIGTERM.
 
@@ -639,5 +651,30 @@ def device(
     with plain_errors():
         od, fixed = load_own(eds, node_id, unconfigured)
         warn(eds, [*od.warnings, *map(str, check_pdos(od))])
+        if answers is not None:
+            _answer(od, answers)
         node = DeviceNode(Device(od, autostart=autostart, storage=storage, node_id=fixed))
         run_in_process("device", node, bus, Pace(lockstep))
+
+
+def _answer(od: ObjectDictionary, file: Path) -> None:
+    """Let objects be computed by the functions of ``ANSWERS`` in a Python file, when read."""
+    with naming(file, ValueError):
+        found = runpy.run_path(str(file)).get("ANSWERS")
+        if not isinstance(found, dict):
+            raise ValueError("it has no ANSWERS, a function for each object by its name")
+        for name, function in found.items():
+            entry = find_entry(od, name)
+            if not isinstance(entry.default, int | float) or not callable(function):
+                raise ValueError(f"{name} is no number, or its answer no function")
+            if entry.writable or entry.index <= COMMUNICATION_LAST:
+                raise ValueError(f"{name} is writable, or of CiA 301: answer a read-only object")
+            entry.compute(partial(_bounded, entry, function, od))
+
+
+def _bounded(
+    entry: Entry, function: Callable[[ObjectDictionary], float], od: ObjectDictionary
+) -> float:
+    """Return the answer of a function, rounded to an integer object and within its limits."""
+    value = function(od)
+    return min(max(value if entry.data_type in REAL else round(value), entry.low), entry.high)

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from commands import refusal, run, succeed
 from nodes_on_a_bus import NodeProcess, multicast_options
-from rich_eds import RICH_EDS
+from rich_eds import RICH, RICH_EDS
 
 from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.canopen.bus.bus import QueueFullError
@@ -13,6 +13,7 @@ from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.device.storage import Memory
 from smarttac_can.canopen.master import requests
 from smarttac_can.canopen.od.cia import LSS_MASTER_ID
+from smarttac_can.canopen.od.eds import load_eds
 from smarttac_can.cli import nodes
 from smarttac_can.cli.nodes import Pace, StateLines, read_finger
 from smarttac_can.cli.shared import BusChoice, load_own
@@ -233,6 +234,37 @@ def test_a_device_of_a_dcf_is_its_node(multicast, tmp_path):
         device.wait_for(f"device 12 ready on udp_multicast:{multicast['channel']}")
     finally:
         device.end()
+
+
+ANSWERS = """
+def low(od):
+    return 2 * od["Setpoint.Voltage"].value + 0.4
+
+ANSWERS = {"%s": low}
+"""
+
+
+def test_python_file_answers_a_read_only_object(made: list[Node], tmp_path: Path) -> None:
+    od = load_eds(RICH, 1)
+    name = next(e.name for e in od if e.index > 0x1FFF and e.access == "ro" and e.size == 2)
+    file = tmp_path / "answers.py"
+    file.write_text(ANSWERS % name)
+    succeed("device", *VIRTUAL, "--eds", RICH_EDS, "--answers", file)
+    (node,) = made
+    node.start()
+    answered, setpoint = node.device.od[name], node.device.od["Setpoint.Voltage"]
+    for value, expected in ((100, 200), (7, 14), (10**6, int(answered.high))):
+        setpoint.value = value
+        (answer,) = node.receive(requests.upload(1, answered))
+        assert int.from_bytes(answer.data[4:6], "little") == expected
+    for text, message in (
+        (ANSWERS % "Setpoint.Voltage", "is writable"),
+        (ANSWERS % "No such", "is not in the EDS"),
+        ("", "it has no ANSWERS"),
+    ):
+        file.write_text(text)
+        told = refusal("device", *VIRTUAL, "--eds", RICH_EDS, "--answers", file)
+        assert message in told
 
 
 def test_lss_gives_the_node_id_and_storage_keeps_it(multicast, tmp_path):

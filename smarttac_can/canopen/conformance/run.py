@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from math import ceil
 from typing import Any, Final
+from xml.etree import ElementTree
 
 from smarttac_can.canopen.bus.local_bus import LocalBus
 from smarttac_can.canopen.bus.node import Node
@@ -156,6 +158,81 @@ def _reset(examiner: Examiner) -> None:
 def failed(results: Sequence[Result]) -> list[Result]:
     """Return the results of the cases that failed."""
     return [result for result in results if result.verdict == "fail"]
+
+
+def known_deviations(text: str) -> dict[str, str]:
+    """Read a file of known deviations, TOML: a reason for each case that may fail.
+
+    ::
+
+        PDO-28 = "firmware 1.2 maps more than 64 bits; the maker knows"
+
+    Raises
+    ------
+    ValueError
+        It is no TOML, or a line has no case of this suite or no reason.
+    """
+    known = tomllib.loads(text)
+    numbers = {case.number for case in CASES}
+    for number, reason in known.items():
+        if number not in numbers:
+            raise ValueError(f"{number!r} is no case: cases are such as {CASES[0].number}")
+        if not isinstance(reason, str) or not reason.strip():
+            raise ValueError(f"{number} has no reason: write why the device deviates, as a text")
+    return known
+
+
+def unexpected(results: Sequence[Result], known: Mapping[str, str]) -> list[str]:
+    """Return a line for each case that is not as expected: an unknown failure, or a known one gone.
+
+    A known deviation that passes is told, so that the file does not outlive the fault.
+    """
+    lines = [
+        f"{result.case.number} fails, and is no known deviation"
+        for result in failed(results)
+        if result.case.number not in known
+    ]
+    return lines + [
+        f"{result.case.number} passes: remove it from the known deviations"
+        for result in results
+        if result.verdict == "pass" and result.case.number in known
+    ]
+
+
+def junit(results: Sequence[Result], device: str, known: Mapping[str, str]) -> str:
+    """Return the results as JUnit XML, which CI services show.
+
+    A known deviation is skipped with its reason, as a case that is not applicable; one that passes
+    is a failure.
+    """
+    suite = ElementTree.Element("testsuite", name=f"conform {device}", tests=str(len(results)))
+    counts = Counter[str]()
+    for result in results:
+        number = result.case.number
+        case = ElementTree.SubElement(
+            suite, "testcase", classname=result.case.group, name=f"{number} {result.case.title}"
+        )
+        found = "; ".join(_found(result))
+        if result.verdict == "fail" and number not in known:
+            counts["failures"] += 1
+            failure = ElementTree.SubElement(case, "failure", message=_xml(found))
+            failure.text = _xml("\n".join([result.case.rule, *result.trace]))
+        elif result.verdict == "pass" and number in known:
+            counts["failures"] += 1
+            ElementTree.SubElement(case, "failure", message="passes, and is a known deviation")
+        elif result.verdict != "pass":
+            counts["skipped"] += 1
+            reason = f"known deviation: {known[number]}" if result.verdict == "fail" else found
+            ElementTree.SubElement(case, "skipped", message=_xml(reason))
+    for name in ("failures", "skipped"):
+        suite.set(name, str(counts[name]))
+    ElementTree.indent(suite)
+    return ElementTree.tostring(suite, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _xml(text: str) -> str:
+    """Return a text without the control characters that XML cannot have."""
+    return "".join(char if char.isprintable() or char in "\n\t" else "?" for char in text)
 
 
 _SHORT = {"pass": "pass", "fail": "FAIL", "not applicable": "n/a"}

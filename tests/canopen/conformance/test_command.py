@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 from click.testing import CliRunner, Result
@@ -114,3 +115,62 @@ def test_wrong_options_are_refused(conform: Conform, arguments: tuple[str, ...],
     result = conform(*arguments)
     assert result.exit_code == 2
     assert said in result.output
+
+
+CHOSEN = ("--timeout", "1", "--case", "OTHER-03", "--case", "HB-01")
+KNOWN = 'OTHER-03 = "this firmware has no name"\n'
+
+
+@pytest.mark.usefixtures("device")
+@pytest.mark.parametrize(
+    ("known", "named", "code", "said", "marks"),
+    [
+        ("", False, 1, "OTHER-03 fails, and is no known deviation", {"OTHER-03": "failure"}),
+        (KNOWN, False, 0, "", {"OTHER-03": "skipped"}),
+        (KNOWN, True, 1, "OTHER-03 passes: remove it from", {"OTHER-03": "failure"}),
+    ],
+    ids=["unknown", "known", "gone"],
+)
+def test_known_deviation_decides_exit_code_and_junit(
+    known: str,
+    named: bool,
+    code: int,
+    said: str,
+    marks: dict[str, str],
+    conform: Conform,
+    tmp_path: Path,
+) -> None:
+    eds, file, xml = (tmp_path / name for name in ("other.eds", "known.toml", "conform.xml"))
+    eds.write_text(RICH if named else changed("1008", "DefaultValue=Something <else>"))
+    file.write_text(known)
+    result = conform("--eds", str(eds), *CHOSEN, "--known", str(file), "--junit", str(xml))
+    assert result.exit_code == code, result.output
+    assert said in result.stderr
+    suite = ElementTree.parse(xml).getroot()
+    assert (suite.get("tests"), suite.get("failures"), suite.get("skipped")) == (
+        "2",
+        str(code),
+        str(1 - code),
+    )
+    found = {str(case.get("name")).partition(" ")[0]: mark.tag for case in suite for mark in case}
+    assert found == marks
+    if not code:
+        assert "this firmware has no name" in xml.read_text()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('SDO-99 = "why"', "'SDO-99' is no case"),
+        ('SDO-01 = ""', "SDO-01 has no reason"),
+        ("SDO-01", "known.toml: "),
+    ],
+)
+def test_file_of_known_deviations_is_checked(
+    text: str, message: str, conform: Conform, tmp_path: Path
+) -> None:
+    file = tmp_path / "known.toml"
+    file.write_text(text)
+    result = conform("--known", str(file))
+    assert result.exit_code == 1
+    assert message in result.stderr
