@@ -26,6 +26,7 @@ from smarttac_can.bench.link import (
     PublishedPdo,
     Row,
     Snapshot,
+    Turns,
     commanded_pdos,
     never,
     published_pdos,
@@ -204,14 +205,15 @@ class CanLink:
         # wait for, and the bus defines the time.
         self._threaded = network.threaded
         self._clock = network.now
-        self._stimulator = RemoteDevice(network, stimulator, where, timeout)
-        self._plate = RemoteDevice(network, plate, where, timeout) if plate else None
+        self.turn = Turns()
+        self._stimulator = RemoteDevice(network, stimulator, where, timeout, self.turn)
+        self._plate = RemoteDevice(network, plate, where, timeout, self.turn) if plate else None
         # Start the plate first, so that the stimulator does not miss its measurements.
         self._devices = [d for d in (self._plate, self._stimulator) if d is not None]
         self._pdos = published_pdos(stimulator, self._stimulator.read)
         self._cycles = CycleRows(self._stimulator, self._pdos, self._clock)
         wanted = {pdo.number for pdo in self._pdos} - {_STATUS_TPDO} | self._cycles.wanted
-        self._every_cycle = EveryCycle(network, self._stimulator, sorted(wanted))
+        self._every_cycle = EveryCycle(network, self._stimulator, sorted(wanted), self.turn)
         for pdo in self._pdos:
             network.subscribe(pdo.can_id, self._cycles.receiver(pdo))
         for device in self._devices:
@@ -219,7 +221,7 @@ class CanLink:
         # In lockstep the time of the nodes stands still without the bench.
         self._heartbeat = None if lockstep else BenchHeartbeat(network, self._stimulator)
         self._heard: tuple[frozenset[int], ...] = ()
-        self._alone = OneRun()
+        self._alone = OneRun(where)
         self._time_is_right = not lockstep
         self._services = {
             service + device.od.node_id
@@ -230,8 +232,9 @@ class CanLink:
 
     def drive(self) -> None:
         """Start the heartbeat of this bench in real time; refused while another bench drives."""
-        if self._heartbeat is not None:
-            self._heartbeat.begin()
+        with self.turn:
+            if self._heartbeat is not None:
+                self._heartbeat.begin()
 
     def read(self, name: str) -> Any:
         """Read an object over SDO."""
@@ -240,10 +243,11 @@ class CanLink:
 
     def write(self, name: str, raw: int | bytes) -> None:
         """Write an object over SDO; a write that commands starts the heartbeat of this bench."""
-        if self.only_read and not isinstance(raw, bytes) and drives(name, raw):
-            self.drive()
-        device = self._owner(name)
-        device.write(device.od[name], raw)
+        with self.turn:
+            if self.only_read and not isinstance(raw, bytes) and drives(name, raw):
+                self.drive()
+            device = self._owner(name)
+            device.write(device.od[name], raw)
 
     def snapshot(self) -> Snapshot:
         """Return the last values of the public TPDOs; in real time wait for the first of each."""
@@ -252,18 +256,20 @@ class CanLink:
             self._stimulator.check_operational()
             self._await_first()
         values: dict[str, int] = {}
-        oldest = now = self._clock()
-        for pdo in self._pdos:
-            if pdo.received is not None:
-                values.update(zip(pdo.names, pdo.values, strict=True))
-                oldest = min(oldest, pdo.received)
+        with self.turn:
+            oldest = now = self._clock()
+            for pdo in self._pdos:
+                if pdo.received is not None:
+                    values.update(zip(pdo.names, pdo.values, strict=True))
+                    oldest = min(oldest, pdo.received)
         return Snapshot(values, now - oldest)
 
     def start_run(self) -> None:
         """Restart the simulation: the plate at rest at tick 0, the controllers reset."""
-        if self._plate is not None:
-            self._plate.write(self._plate.od["Simulation.Start run"], 1)
-        self._stimulator.write(self._stimulator.od["Simulation.Start run"], 1)
+        with self.turn:
+            if self._plate is not None:
+                self._plate.write(self._plate.od["Simulation.Start run"], 1)
+            self._stimulator.write(self._stimulator.od["Simulation.Start run"], 1)
 
     def run(self, cycles: int, rows: list[Row], interrupted: Callable[[], bool] = never) -> None:
         """Run the loop and record it from the TPDOs, which are sent in every cycle meanwhile.
@@ -277,6 +283,8 @@ class CanLink:
             If the heartbeat of a node is lost.
         BusyError
             If another thread is running the loop.
+        BenchError
+            If the link is closed meanwhile.
         """
         with self._alone:
             self._run(cycles, rows, interrupted)
@@ -347,6 +355,7 @@ class CanLink:
         """Return the node-IDs whose heartbeats were lost; an empty list in lockstep."""
         # In lockstep the time of the nodes, and so their heartbeat, stands still between the
         # cycles.
+        self._alone.require_open()
         return [d.od.node_id for d in self._devices if not self._lockstep and d.silence]
 
     def wrong_time(self) -> str:
@@ -386,7 +395,9 @@ class CanLink:
 
     def close(self) -> None:
         """Leave the bus; may be called twice."""
-        presence, self._heartbeat = self._heartbeat, None
+        self._alone.close()
+        with self.turn:
+            presence, self._heartbeat = self._heartbeat, None
         if presence is not None and presence.begun:
             with suppress(BenchError):
                 presence.end()
@@ -418,14 +429,16 @@ class CanLink:
     def _hearing(self, can_ids: Iterable[int]) -> Iterator[None]:
         """Let the kernel pass additional frames during a block."""
         heard = frozenset(can_ids)
-        self._heard += (heard,)
-        self._listen()
+        with self.turn:
+            self._heard += (heard,)
+            self._listen()
         try:
             yield
         finally:
             # Blocks of several threads end in any order.
-            self._heard = tuple(other for other in self._heard if other is not heard)
-            self._listen()
+            with self.turn:
+                self._heard = tuple(other for other in self._heard if other is not heard)
+                self._listen()
 
     def _listen(self) -> None:
         """Set the filter of the kernel to the frames that are needed here."""
@@ -443,11 +456,14 @@ class CanLink:
                 complete.get()
             if interrupted():
                 return
-            try:
-                self._network.send_message(SYNC_ID, b"")
-            except can.CanError as error:
-                raise BusLostError(f"cannot produce SYNC: the bus has failed: {error}") from error
-            lost = 0 if self._ends(interrupted) else lost + 1
+            self._alone.require_open()
+            with self.turn:
+                try:
+                    self._network.send_message(SYNC_ID, b"")
+                except can.CanError as error:
+                    text = f"cannot produce SYNC: the bus has failed: {error}"
+                    raise BusLostError(text) from error
+                lost = 0 if self._ends(interrupted) else lost + 1
             if lost == _LOST_IN_A_ROW:
                 raise NotRunningError(
                     f"{lost} cycles in a row were lost: is the plate there, and are all nodes "
@@ -475,6 +491,7 @@ class CanLink:
     def _wait_for(self, cycles: int, rows: list[Row], interrupted: Callable[[], bool]) -> None:
         end = self._clock() + cycles * 1e-3 + GRACE_S
         while len(rows) < cycles and (left := end - self._clock()) > 0 and not interrupted():
+            self._alone.require_open()
             try:
                 self._cycles.complete.get(timeout=min(left, _CHECK_S))
             except Empty:
@@ -593,6 +610,8 @@ class EveryCycle:
         Stimulator node.
     numbers
         Numbers of the TPDOs.
+    turn
+        Entered while the types are set or reset.
 
     Attributes
     ----------
@@ -600,8 +619,11 @@ class EveryCycle:
         Numbers of the TPDOs.
     """
 
-    def __init__(self, network: TappedNetwork, device: RemoteDevice, numbers: list[int]) -> None:
+    def __init__(
+        self, network: TappedNetwork, device: RemoteDevice, numbers: list[int], turn: Turns
+    ) -> None:
         self._network = network
+        self._turn = turn
         self._device = device
         self.numbers = numbers
         self._types = [
@@ -623,13 +645,10 @@ class EveryCycle:
 
         If a reset, or a tool that does not ask, changes the types, they are set again at once.
         """
-        if not self._users:
-            self._ends = False
-            self._others.clear()
-            self._before = [self._take(entry) for entry in self._types]
-            self._undone.clear()
-            self._tapped.enter_context(self._network.tapped(self._services, self._keep))
-        self._users += 1
+        with self._turn:
+            if not self._users:
+                self._begin()
+            self._users += 1
         try:
             yield
         except BaseException:
@@ -638,6 +657,13 @@ class EveryCycle:
                 self._release()
             raise
         self._release()
+
+    def _begin(self) -> None:
+        self._ends = False
+        self._others.clear()
+        self._before = [self._take(entry) for entry in self._types]
+        self._undone.clear()
+        self._tapped.enter_context(self._network.tapped(self._services, self._keep))
 
     def _take(self, entry: Entry) -> int:
         kind = int(self._device.read(entry))
@@ -649,16 +675,17 @@ class EveryCycle:
         return int(entry.default)
 
     def _release(self) -> None:
-        self._users -= 1
-        if self._users:
-            return
-        try:
-            needed = self._others_need_it()
-        finally:
-            self._tapped.close()
-        if not needed:
-            for entry, kind in zip(self._types, self._before, strict=True):
-                self._device.write(entry, kind)
+        with self._turn:
+            self._users -= 1
+            if self._users:
+                return
+            try:
+                needed = self._others_need_it()
+            finally:
+                self._tapped.close()
+            if not needed:
+                for entry, kind in zip(self._types, self._before, strict=True):
+                    self._device.write(entry, kind)
 
     def _others_need_it(self) -> bool:
         self._ends = True

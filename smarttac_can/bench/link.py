@@ -77,11 +77,50 @@ class Snapshot(NamedTuple):
     """Age in s of the oldest value."""
 
 
-class OneRun:
-    """Lets one thread at a time run the loop of a link, because a link has one recording."""
+class Turns:
+    """Lets threads in one by one, in the order in which they ask; one that is in may enter again.
+
+    A cycle of a simulation, an SDO transfer and a call of several writes are each done by a thread
+    that is in, so that none is half done for another. A plain lock would not do: a loop that leaves
+    it and takes it again at once would let nobody in.
+    """
 
     def __init__(self) -> None:
+        self._next, self._in = threading.Lock(), threading.Lock()
+        self._owner: int | None = None
+        self._depth = 0
+
+    def __enter__(self) -> None:
+        """Wait for the turn of this thread."""
+        me = threading.get_ident()
+        if self._owner != me:
+            with self._next:  # who waits here is next, also before the one that has just left
+                self._in.acquire()
+            self._owner = me
+        self._depth += 1
+
+    def __exit__(self, *_: object) -> None:
+        """Leave to the next one."""
+        self._depth -= 1
+        if not self._depth:
+            self._owner = None
+            self._in.release()
+
+
+class OneRun:
+    """Lets one thread at a time run the loop of a link, because a link has one recording.
+
+    Parameters
+    ----------
+    where
+        Name of the link, for messages.
+    """
+
+    def __init__(self, where: str) -> None:
         self._lock = threading.Lock()
+        self._where = where
+        self._owner: int | None = None
+        self._closed = False
 
     def __enter__(self) -> None:
         """Begin a run.
@@ -96,10 +135,24 @@ class OneRun:
                 "the loop of this stimulator runs already, in another thread that is in run(), "
                 "tare() or identify(): wait for its end, or use record(), which may go beside it"
             )
+        self._owner = threading.get_ident()
 
     def __exit__(self, *_: object) -> None:
         """End the run."""
+        self._owner = None
         self._lock.release()
+
+    def require_open(self) -> None:
+        """Raise BenchError if the link was closed meanwhile; to be called in each cycle."""
+        if self._closed:
+            raise BenchError(f"the stimulator over {self._where} was closed during this call")
+
+    def close(self) -> None:
+        """Have the run of another thread end, and wait until it has."""
+        self._closed = True
+        if self._owner != threading.get_ident():
+            with self._lock:
+                pass
 
 
 def never() -> bool:
@@ -126,7 +179,14 @@ class Link(Protocol):
     """Access of the bench to a stimulator and its plate.
 
     Every method raises a `BenchError` if the other side is gone or refuses.
+
+    Attributes
+    ----------
+    turn
+        Held during a call of several steps that no other thread may come between.
     """
+
+    turn: Turns
 
     @property
     def where(self) -> str:

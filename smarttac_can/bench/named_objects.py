@@ -172,15 +172,16 @@ class NamedObjects:
         raws = {name: raw_value(find_number(self._od, name), v) for name, v in values.items()}
         last = [*raws][-1:]  # nothing follows it, so that its old value is never needed
         before: dict[str, int] = {}
-        try:
-            for name, raw in raws.items():
-                old = {} if name in last else {name: self._link.read(name)}
-                self._write(name, raw, values[name])
-                before |= old
-        except RefusedError:
-            for name, held in before.items():
-                self._write(name, held)
-            raise
+        with self._link.turn:
+            try:
+                for name, raw in raws.items():
+                    old = {} if name in last else {name: self._link.read(name)}
+                    self._write(name, raw, values[name])
+                    before |= old
+            except RefusedError:
+                for name, held in before.items():
+                    self._write(name, held)
+                raise
 
     def nearest(self, name: str, value: float | str) -> float:
         """Return the value that an object holds after rounding a measured value to its step.

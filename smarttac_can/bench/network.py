@@ -50,6 +50,7 @@ class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is
 
     def __init__(self) -> None:
         super().__init__()
+        self._changing = threading.Lock()
         self._taps: tuple[_Tap, ...] = ()
         self._own_taps: tuple[_Tap, ...] = ()
         self._options: Mapping[str, Any] = {}
@@ -96,15 +97,17 @@ class TappedNetwork(canopen.Network):  # type: ignore[misc]  # python-canopen is
             Whether to pass only frames that are sent here.
         """
         tap = (can_ids, hear)
-        if own:
-            self._own_taps += (tap,)
-        else:
-            self._taps += (tap,)
+        with self._changing:
+            if own:
+                self._own_taps += (tap,)
+            else:
+                self._taps += (tap,)
         try:
             yield
         finally:
-            self._taps = tuple(other for other in self._taps if other is not tap)
-            self._own_taps = tuple(other for other in self._own_taps if other is not tap)
+            with self._changing:
+                self._taps = tuple(other for other in self._taps if other is not tap)
+                self._own_taps = tuple(other for other in self._own_taps if other is not tap)
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
         """Send a frame."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from itertools import cycle
 from threading import Event
 from time import monotonic
@@ -68,6 +68,8 @@ class RemoteDevice:
         Name of the bus for error messages.
     timeout
         Longest wait for an SDO answer in s.
+    turn
+        Entered during each transfer, as the clients of python-canopen are for one thread.
 
     Attributes
     ----------
@@ -87,9 +89,15 @@ class RemoteDevice:
     """
 
     def __init__(
-        self, network: canopen.Network, od: ObjectDictionary, where: str, timeout: float
+        self,
+        network: canopen.Network,
+        od: ObjectDictionary,
+        where: str,
+        timeout: float,
+        turn: AbstractContextManager[None] = nullcontext(),  # noqa: B008 - has no state
     ) -> None:
         self.od = od
+        self._turn = turn
         self._network = network
         self._name = od.info.get("productname", "device")
         self._sdo = SharedSdoClient(network, od.node_id, timeout)
@@ -114,13 +122,14 @@ class RemoteDevice:
 
     def read(self, entry: Entry) -> Any:
         """Read an entry over SDO."""
-        with self._explained(f"read {entry.name}"):
+        with self._turn, self._explained(f"read {entry.name}"):
             return unpack(entry.data_type, self._sdo.upload(entry.index, entry.subindex))
 
     def write(self, entry: Entry, raw: int | bytes) -> None:
         """Write an entry over SDO, bytes by block transfer."""
         if isinstance(raw, bytes):
-            self._write_block(entry, raw)
+            with self._turn:
+                self._write_block(entry, raw)
             return
         try:
             data = pack(entry.data_type, raw)
@@ -128,7 +137,7 @@ class RemoteDevice:
             # A value that does not fit the type is refused here, with the words of the device.
             code = AbortCode.TOO_LOW if raw < 0 else AbortCode.TOO_HIGH
             raise refused_write(entry, raw, Abort(code)) from error
-        with self._explained(write_action(entry, raw)):
+        with self._turn, self._explained(write_action(entry, raw)):
             try:
                 self._sdo.download(entry.index, entry.subindex, data)
             except SdoAbortedError as error:

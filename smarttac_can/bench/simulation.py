@@ -23,6 +23,7 @@ from smarttac_can.bench.link import (
     OneRun,
     Row,
     Snapshot,
+    Turns,
     never,
     published_pdos,
 )
@@ -290,7 +291,8 @@ class LocalLink:
         self._pdos = published_pdos(block.od, lambda entry: int(entry.default))
         self._readers = [[block.od[name].reader for name in pdo.names] for pdo in self._pdos]
         self._listeners: tuple[Hear, ...] = ()
-        self._alone = OneRun()
+        self._alone = OneRun(self.where)
+        self.turn = Turns()
         self._status = b""
         self._latched = 0
 
@@ -309,7 +311,8 @@ class LocalLink:
         if not entry.readable:
             reason = Abort(AbortCode.WRITE_ONLY)
             raise RefusedError(f"cannot read {name}: {reason}", reason.code)
-        return entry.read()
+        with self.turn:
+            return entry.read()
 
     def write(self, name: str, raw: int | bytes) -> None:
         """Write an object by name.
@@ -319,11 +322,14 @@ class LocalLink:
         RefusedError
             If the object is read-only, or refuses the value in its present state.
         """
-        entry = self._block.od[name]
+        with self.turn:
+            self._write(self._block.od[name], raw)
+
+    def _write(self, entry: Entry, raw: int | bytes) -> None:
         try:
             if not entry.writable:
                 raise Abort(AbortCode.READ_ONLY)
-            self._block.write(name, raw)
+            self._block.write(entry.name, raw)
         except Abort as error:
             raise refused_write(entry, raw, error) from error
         node_id = self._block.od.node_id
@@ -335,7 +341,8 @@ class LocalLink:
 
     def snapshot(self) -> Snapshot:
         """Return the present values of the published objects; their age is 0 s."""
-        return Snapshot({name: int(self._block.od[name].read()) for name in PUBLISHED}, 0.0)
+        with self.turn:
+            return Snapshot({name: int(self._block.od[name].read()) for name in PUBLISHED}, 0.0)
 
     def start_run(self) -> None:
         """Put the simulated plate to rest at tick 0 and reset the controllers."""
@@ -348,17 +355,22 @@ class LocalLink:
         ------
         BusyError
             If another thread is running the loop.
+        BenchError
+            If the link is closed meanwhile.
         """
         tick = self._block.tick
         recorded = self._recorded
-        with self._alone:
+        alone, turn = self._alone, self.turn
+        with alone:
             for _ in range(cycles):
                 if interrupted():
                     return
-                tick()
-                rows.append(tuple([read() for read in recorded]))
-                if self._listeners:
-                    self._to_listeners(self._frames(cycle=True))
+                alone.require_open()
+                with turn:
+                    tick()
+                    rows.append(tuple([read() for read in recorded]))
+                    if self._listeners:
+                        self._to_listeners(self._frames(cycle=True))
 
     def source(self) -> FrameSource:
         """Return the PDOs that a stimulator with the default mapping would send."""
@@ -373,11 +385,13 @@ class LocalLink:
     @contextmanager
     def frames(self, hear: Hear, *, every_cycle: bool = True) -> Iterator[None]:
         """Pass the frames that a bus would carry to `hear`, during a block."""
-        self._listeners += (hear,)
+        with self.turn:
+            self._listeners += (hear,)
         try:
             yield
         finally:
-            self._listeners = tuple(other for other in self._listeners if other is not hear)
+            with self.turn:
+                self._listeners = tuple(other for other in self._listeners if other is not hear)
 
     def raw(self, path: Path) -> NoReturn:
         """Raise BenchError: without a bus there are no frames to log."""
@@ -392,7 +406,8 @@ class LocalLink:
         return ""
 
     def close(self) -> None:
-        """Do nothing: there is no bus to leave."""
+        """End a run of another thread; there is no bus to leave."""
+        self._alone.close()
 
     def _to_listeners(self, frames: Iterable[Frame]) -> None:
         if self._listeners:

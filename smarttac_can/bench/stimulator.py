@@ -137,7 +137,8 @@ class Stimulator(NamedObjects):
     @property
     def cof(self) -> tuple[float, float]:
         """Set-points of the COF left and right of the boundary; a number sets both."""
-        return self.get("Setpoint.COF left"), self.get("Setpoint.COF right")
+        with self._link.turn:
+            return self.get("Setpoint.COF left"), self.get("Setpoint.COF right")
 
     @cof.setter
     def cof(self, cof: float | str | Iterable[float | str]) -> None:
@@ -154,6 +155,10 @@ class Stimulator(NamedObjects):
     @mode.setter
     def mode(self, mode: Mode | str) -> None:
         number = by_name(Mode, mode)
+        with self._link.turn:
+            self._enter(number)
+
+    def _enter(self, number: int) -> None:
         if number == Mode.OFF:
             self.disarm()
             return
@@ -187,7 +192,7 @@ class Stimulator(NamedObjects):
     @texture_slot.setter
     def texture_slot(self, slot: int) -> None:
         number = given_integer("texture_slot", slot)
-        with self._texture_explained("Texture.Slot"):
+        with self._link.turn, self._texture_explained("Texture.Slot"):
             self._set("Texture.Slot", number)
 
     @property
@@ -199,7 +204,8 @@ class Stimulator(NamedObjects):
         is given if the texture is too fast to be followed: above `FOLLOWED_HZ` at the speed last
         passed to `finger.stroke`, or at 50 mm/s.
         """
-        data = self._link.read(self._table())
+        with self._link.turn:
+            data = self._link.read(self._table())
         return Texture(TextureTable.unpack(data)) if data else None
 
     @texture.setter
@@ -212,9 +218,10 @@ class Stimulator(NamedObjects):
             texture.table.require_within(int(bounds.low), int(bounds.high))
             data = texture.table.pack()
             self._warn_if_fast(texture)
-        name = self._table()
-        with self._texture_explained(name):
-            self._link.write(name, data)
+        with self._link.turn:
+            name = self._table()
+            with self._texture_explained(name):
+                self._link.write(name, data)
 
     def _warn_if_fast(self, texture: Texture) -> None:
         speed = self.finger.speed
@@ -381,10 +388,13 @@ class Stimulator(NamedObjects):
         if isinstance(link, ClosedLink):
             return
         try:
-            if not link.only_read:
-                self.disarm()
+            with link.turn:
+                try:
+                    if not link.only_read:
+                        self.disarm()
+                finally:
+                    self._link = cast("Link", ClosedLink(link.where, "is closed: connect anew"))
         finally:
-            self._link = cast("Link", ClosedLink(link.where, "is closed: connect anew"))
             if self in _CONNECTED:
                 _CONNECTED.remove(self)
             link.close()
@@ -407,9 +417,10 @@ class Stimulator(NamedObjects):
         BenchError
             If another bench is the commander, or the stimulator is armed.
         """
-        self._link.drive()
-        if self.state in ARMED:
-            raise BenchError(f"the stimulator is in use: {DISARM_FIRST}")
+        with self._link.turn:
+            self._link.drive()
+            if self.state in ARMED:
+                raise BenchError(f"the stimulator is in use: {DISARM_FIRST}")
 
     def arm(self) -> None:
         """Arm at 0 V; from then on a fault trips. A loop that has just started is tared first.
@@ -425,6 +436,10 @@ class Stimulator(NamedObjects):
         BenchError
             If another bench is the commander, or the bus or a node is lost.
         """
+        with self._link.turn:
+            self._arm()
+
+    def _arm(self) -> None:
         # After a bench was killed, its missing heartbeat is a fault that is present. The heartbeat
         # of this bench clears it.
         self._link.drive()
@@ -444,8 +459,9 @@ class Stimulator(NamedObjects):
 
     def disarm(self) -> None:
         """Go to 0 V and mode OFF; allowed in every state."""
-        self._link.write(_CONTROLWORD, 0)
-        self._link.write("Mode", Mode.OFF)
+        with self._link.turn:
+            self._link.write(_CONTROLWORD, 0)
+            self._link.write("Mode", Mode.OFF)
 
     def _stop_driving(self) -> bool:
         """Disarm, unless this bench only reads; return False if that failed."""
@@ -458,8 +474,9 @@ class Stimulator(NamedObjects):
 
     def quick_stop(self) -> None:
         """Go to 0 V at once, and stay there until `disarm` or `arm` is called."""
-        if self.state in ARMED:
-            self._link.write(_CONTROLWORD, Control.QUICK_STOP)
+        with self._link.turn:
+            if self.state in ARMED:
+                self._link.write(_CONTROLWORD, Control.QUICK_STOP)
 
     def reset_fault(self) -> None:
         """Reset a latched fault; nothing happens if there is none.
@@ -471,6 +488,10 @@ class Stimulator(NamedObjects):
         BenchError
             If another bench is the commander.
         """
+        with self._link.turn:
+            self._reset_fault()
+
+    def _reset_fault(self) -> None:
         self._link.drive()
         if self.state is not State.FAULT:
             return
@@ -484,9 +505,10 @@ class Stimulator(NamedObjects):
 
     def start_run(self) -> None:
         """Restart plate, finger and noise of the simulation at tick 0, with the controllers off."""
-        self._link.drive()
-        self._link.start_run()
-        self.finger.begin()
+        with self._link.turn:
+            self._link.drive()
+            self._link.start_run()
+            self.finger.begin()
 
     def tare(self) -> None:
         """Take the present gauge readings, without a finger, as zero.
@@ -768,6 +790,8 @@ class Stimulator(NamedObjects):
         if rows:
             error.trace = made(rows)
             error.add_note(f".trace holds the {len(rows)} cycles until then")
+        if isinstance(self._link, ClosedLink):  # by another thread, which has disarmed
+            return
         if not self._link.only_read:
             error.add_note(
                 "the stimulator was disarmed"
