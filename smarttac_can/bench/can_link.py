@@ -318,6 +318,11 @@ class CanLink:
                 or "the loop gives no cycles: are all nodes operational, and does one produce SYNC?"
             )
 
+    def require_idle(self) -> None:
+        """Raise BusyError if another thread is running the loop."""
+        with self._alone:
+            pass
+
     def source(self) -> FrameSource:
         """Return what the PDOs of the stimulator carry, from its mapping."""
         device = self._stimulator

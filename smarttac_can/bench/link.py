@@ -253,6 +253,9 @@ class Link(Protocol):
     def silent(self) -> list[int]:
         """Return the node-IDs whose heartbeats were received and then lost."""
 
+    def require_idle(self) -> None:
+        """Raise BusyError if another thread is running the loop."""
+
     def wrong_time(self) -> str:
         """Return an error text if stimulator and link differ in lockstep or real time, else ""."""
 

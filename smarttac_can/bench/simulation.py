@@ -372,6 +372,11 @@ class LocalLink:
                     if self._listeners:
                         self._to_listeners(self._frames(cycle=True))
 
+    def require_idle(self) -> None:
+        """Raise BusyError if another thread is running the loop."""
+        with self._alone:
+            pass
+
     def source(self) -> FrameSource:
         """Return the PDOs that a stimulator with the default mapping would send."""
         return FrameSource(

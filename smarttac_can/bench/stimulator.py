@@ -564,10 +564,15 @@ class Stimulator(NamedObjects):
         """
         if progress is not None:
             require_callable("progress", progress)
+        self._link.require_idle()
         self.mode = Mode.IDENTIFY
         reason = "it was stopped"
         for _ in range(_IDENTIFY_LIMIT):
-            self._link.run(_IDENTIFY_CYCLES, [])
+            try:
+                self._link.run(_IDENTIFY_CYCLES, [])
+            except BusyError:  # another thread has begun to record, and not this
+                self.disarm()
+                raise
             if progress is not None:
                 progress(self._link.read("Model.Progress"))
             found = self._link.read("Model.State")

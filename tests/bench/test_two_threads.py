@@ -1,11 +1,16 @@
 """A second thread that lets the loop run is told so, and the first one goes on."""
 
-from threading import Thread
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from threading import Event, Thread
 from typing import Any, Literal
 
 import pytest
+from nodes_on_a_bus import GUARD_S, in_threads, stimulator_with_plate, until
 
-from smarttac_can.bench import BenchError, BusyError, State, Stimulator
+from smarttac_can.bench import BenchError, BusyError, Mode, State, Stimulator, Texture, Trace
 
 
 def in_another_thread(act: Any) -> BenchError | None:
@@ -58,3 +63,141 @@ def test_two_threads_in_run(
         "the loop of this stimulator runs already, in another thread that is in run(), tare() or "
         "identify(): wait for its end"
     )
+
+
+@contextmanager
+def a_bench(where: str, virtual: dict[str, Any]) -> Iterator[Stimulator]:
+    """Yield a bench of a simulation on a link, or of a stimulator in real time."""
+    if where != "real time":
+        with Stimulator.simulate("local" if where == "local" else "bus") as bench:
+            yield bench
+        return
+    with (
+        in_threads(virtual, stimulator_with_plate(lockstep=False), lockstep=False),
+        Stimulator.connect(**virtual) as bench,
+    ):
+        yield bench
+
+
+@contextmanager
+def running_beside(bench: Stimulator) -> Iterator[Future[Trace]]:
+    """Have another thread in `run` during the block, which waits until it has begun."""
+    begun, over = Event(), Event()
+
+    def meanwhile(cycles: int) -> None:
+        if cycles:
+            begun.set()
+        if over.is_set():
+            raise InterruptedError
+
+    with ThreadPoolExecutor(1) as executor:
+        future = executor.submit(bench.run, 600, meanwhile=meanwhile)
+        try:
+            until(begun.is_set)
+            yield future
+        finally:
+            over.set()
+            with suppress(InterruptedError, BenchError):
+                future.result(GUARD_S)
+
+
+def recorded(bench: Stimulator, path: Path) -> None:
+    with bench.record(path):
+        bench.mark("here")
+
+
+def heard(bench: Stimulator) -> None:
+    with bench.events() as events:
+        assert list(events.within(0)) == []
+
+
+def assigned(name: str, value: Any) -> Callable[[Stimulator, Path], object]:
+    return lambda bench, _: setattr(bench, name, value)
+
+
+WHOLE: dict[str, Callable[[Stimulator, Path], object]] = {
+    "amplitude": assigned("amplitude", 1.0),
+    "boundary": assigned("boundary", 1.0),
+    "claim": lambda bench, _: bench.claim(),
+    "cof": assigned("cof", (0.3, 0.4)),
+    "disarm": lambda bench, _: bench.disarm(),
+    "events": lambda bench, _: heard(bench),
+    "finger": lambda bench, _: bench.finger.stroke(2),
+    "frequency": assigned("frequency", 43_400.0),
+    "get": lambda bench, _: bench.get("Limit.Voltage"),
+    "law": assigned("law", "measured"),
+    "mark": lambda bench, path: recorded(bench, path / "mark.h5"),
+    "message": lambda bench, _: bench.message,
+    "mode": assigned("mode", "off"),
+    "nearest": lambda bench, _: bench.nearest("Limit.Voltage", 80_000),
+    "quick_stop": lambda bench, _: bench.quick_stop(),
+    "read": lambda bench, _: bench.read(),
+    "record": lambda bench, path: recorded(bench, path / "record.h5"),
+    "reset_fault": lambda bench, _: bench.reset_fault(),
+    "set": lambda bench, _: bench.set("Limit.Voltage", 80_000),
+    "set_all": lambda bench, _: bench.set_all({"Limit.Voltage": 80_000}),
+    "state": lambda bench, _: bench.state,
+    "texture": assigned("texture", Texture.grating(2.0, 0.25, 0.45)),
+    "texture_slot": assigned("texture_slot", 2),
+    "vibration_law": assigned("vibration_law", "pi"),
+    "voltage": assigned("voltage", 20.0),
+    "start_run": lambda bench, _: bench.start_run(),
+}
+"""What may go beside the run of another thread."""
+LOOPS: dict[str, Callable[[Stimulator], object]] = {
+    "run": lambda bench: bench.run(0.01),
+    "sample": lambda bench: bench.sample(["Plate input.S1"], 1),
+    "tare": lambda bench: bench.tare(),
+    "identify": lambda bench: bench.identify(),
+}
+"""What lets the loop run itself."""
+OTHERS = {"simulate", "connect", "close", "arm"}
+
+
+def test_every_call_of_a_bench_has_its_rule() -> None:
+    public = {name for name in dir(Stimulator) if not name.startswith("_")}
+    assert public - {"finger"} == ({*WHOLE, *LOOPS} | OTHERS) - {"finger"}
+
+
+@pytest.mark.parametrize("where", ["local", "bus", "real time"])
+def test_every_call_is_whole_beside_a_run(
+    where: str, virtual: dict[str, Any], tmp_path: Path
+) -> None:
+    with a_bench(where, virtual) as bench:
+        bench.run(0.2)  # tared, so that it is ready
+        with running_beside(bench) as run:
+            for name, act in WHOLE.items():
+                act(bench, tmp_path)
+                assert not run.done(), name
+            bench.arm()
+            for name, loop in LOOPS.items():
+                with pytest.raises(BusyError, match="wait for its end"):
+                    loop(bench)
+                assert (run.done(), bench.state, bench.mode) == (False, State.ARMED, Mode.OFF), name
+
+
+@pytest.mark.parametrize("where", ["local", "bus", "real time"])
+def test_a_pair_of_cof_is_never_half_written(where: str, virtual: dict[str, Any]) -> None:
+    pairs = [(0.1, 0.2), (0.3, 0.4)]
+    with a_bench(where, virtual) as bench, running_beside(bench):
+        bench.cof = pairs[0]
+
+        def write(pair: tuple[float, float]) -> None:
+            for _ in range(20):
+                bench.cof = pair
+
+        with ThreadPoolExecutor(2) as executor:
+            writers = [executor.submit(write, pair) for pair in pairs]
+            seen = {bench.cof for _ in range(30)}
+            for writer in writers:
+                writer.result(GUARD_S)
+    assert seen <= set(pairs)
+
+
+@pytest.mark.parametrize("where", ["local", "bus", "real time"])
+def test_close_ends_the_run_of_another_thread_by_name(where: str, virtual: dict[str, Any]) -> None:
+    with a_bench(where, virtual) as bench, running_beside(bench) as run:
+        bench.close()
+        with pytest.raises(BenchError, match=" was closed during this call") as caught:
+            run.result(GUARD_S)
+        assert caught.value.trace is not None
