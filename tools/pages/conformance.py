@@ -1,4 +1,4 @@
-"""Fill docs/reference/conformance.md: every case, and its verdict on our device and two others.
+"""Fill docs/reference/conformance.md and verdicts.json: every case, on our device and two others.
 
     tools/pages/make conformance [--check]
 
@@ -11,6 +11,7 @@ Example: tools/pages/make conformance --check
 from __future__ import annotations
 
 import asyncio
+import json
 import logging
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
@@ -46,6 +47,10 @@ ROOT = Path(__file__).resolve().parents[2]
 EDS = ROOT / "tests" / "eds" / "rich.eds"
 NODE_ID = 5
 TIME_OUT_S = 0.5
+FRAMES = 4
+"""Last frames of a failed case that the data keep."""
+NOT_RUN = ("CANopenNode", "lely-core", "gocanopen")
+"""Stacks that have to be built first; 'smarttac conform' judges a device of them on any bus."""
 
 
 def ours(text: str) -> list[Result]:
@@ -197,7 +202,36 @@ def pages(_draw: bool) -> Pages:
     with ThreadPoolExecutor() as pool:
         runs = {name: pool.submit(judge, text) for name, judge in DEVICES.items()}
         verdicts = {name: run.result() for name, run in runs.items()}
-    return renewed(REFERENCE / "conformance.md", fields(verdicts))
+    page = renewed(REFERENCE / "conformance.md", fields(verdicts))
+    return {**page, REFERENCE / "verdicts.json": corpus(verdicts)}
+
+
+def corpus(columns: dict[str, list[Result]]) -> str:
+    """Return what each device did not pass, as JSON: why, by which rule, and the last frames.
+
+    Devices that are only in `NOT_RUN` have no rows: nothing is said about a stack that did not run.
+    """
+    devices = [
+        {
+            "device": name.replace("`", ""),
+            "eds": EDS.name,
+            "cases": len(results),
+            "not_passed": [
+                {
+                    "case": result.case.number,
+                    "verdict": result.verdict,
+                    "why": result.reason,
+                    "rule": result.case.rule,
+                    "frames": list(result.trace[-FRAMES:]),
+                }
+                for result in results
+                if result.verdict != "pass"
+            ],
+        }
+        for name, results in columns.items()
+    ]
+    missing = [{"device": name, "verdict": "not run"} for name in NOT_RUN]
+    return json.dumps([*devices, *missing], indent=1) + "\n"
 
 
 def main() -> int:

@@ -49,6 +49,39 @@ OUTWARDS = {
         "SDO-22",
     ),
     "answer of 7 bytes": (alter(is_frame(SDO), lambda data: data[:7]), "SDO-01 OD-01"),
+    # Every refusal is a case of its own.
+    "refusals confirmed": (
+        alter(is_frame(SDO, first=0x80), lambda data: b"\x60" + data[1:4] + bytes(4)),
+        "SDO-07 SDO-08 SDO-09 SDO-10 SDO-11 SDO-13 SDO-14 SDO-15 SDO-16 SDO-17 SDO-18 SDO-19 "
+        "SDO-20 SDO-22 SDO-28 SDO-29 SDO-30 PDO-12 PDO-14 PDO-15 PDO-17 PDO-28 PDO-29 PDO-30 "
+        "PDO-31 PDO-32 PDO-33 OD-01 OD-02 OD-04 OD-05 OD-06 EMCY-04 EMCY-05 SYNC-03 SYNC-05 "
+        "SYNC-08 HB-07 OTHER-04 OTHER-06 OTHER-09",
+    ),
+    # Long values are read in segments by each of these cases.
+    "toggle of upload segments stays 0": (
+        alter(
+            lambda f: f.can_id == SDO and f.data[0] >> 5 == 0,
+            lambda data: bytes((data[0] & 0xEF,)) + data[1:],
+        ),
+        "SDO-04 OD-01 OD-02 OD-03 OD-07 OTHER-03 OTHER-07",
+    ),
+    "block acknowledged short": (
+        alter(
+            lambda f: f.can_id == SDO and f.data[0] & 0xE3 == 0xA2,
+            lambda data: data[:1] + bytes((max(0, data[1] - 1),)) + data[2:],
+        ),
+        "SDO-25 SDO-26 SDO-27",
+    ),
+    "EMCY without error reset": (
+        drop(lambda f: f.can_id == EMCY and f.data[:2] == b"\0\0"),
+        "EMCY-02",
+    ),
+    "SYNC counter stays 0": (
+        alter(lambda f: f.can_id == 0x80 and len(f.data) == 1, lambda _: b"\0"),
+        "SYNC-07",
+    ),
+    "heartbeat twice": (twice(HEARTBEAT), "HB-03 HB-04 HB-05 BOTH-02 BOTH-03 BOTH-05 BOTH-07"),
+    "TPDO twice": (twice(TPDO), "PDO-03 PDO-09 PDO-11 SYNC-02"),
     "wrong CRC": (
         alter(
             lambda f: f.can_id == SDO and f.data[0] & 0xE3 == 0xC1,
