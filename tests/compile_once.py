@@ -1,6 +1,5 @@
 """The loop of a campaign, compiled once in a test run: numba keeps it for the other processes."""
 
-import fcntl
 import os
 from functools import partial
 from importlib import import_module
@@ -19,7 +18,7 @@ def compile_once() -> None:
     """
     if not can_compile():
         return
-    numba = import_module("numba")
+    fcntl, numba = import_module("fcntl"), import_module("numba")  # Windows lacks the first
     folder = os.environ["NUMBA_CACHE_DIR"]
     with (
         mock.patch.object(numba.config, "CACHE_DIR", folder),

@@ -58,8 +58,9 @@ def leaves_nothing() -> Iterator[None]:
     yield
     assert set(threading.enumerate()) <= threads
     assert not can.interfaces.virtual.channels
-    with pytest.raises(ChildProcessError):
-        os.waitpid(-1, os.WNOHANG)
+    if hasattr(os, "WNOHANG"):  # Windows has no children to wait for
+        with pytest.raises(ChildProcessError):
+            os.waitpid(-1, os.WNOHANG)
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,6 @@ import errno
 import os
 import re
 import stat
-import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -18,10 +17,10 @@ from typing import Any, Final, TextIO
 
 from smarttac_can.host.background import Background
 
-if sys.platform == "win32":
-    _FLAGS: Final = os.O_RDONLY | os.O_BINARY
-else:
-    _FLAGS: Final = os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY
+_FLAGS: Final = os.O_RDONLY | sum(
+    getattr(os, name, 0)
+    for name in ("O_NONBLOCK", "O_NOCTTY", "O_BINARY")  # Windows has the last alone
+)
 
 
 def open_regular(path: Path) -> BufferedReader:

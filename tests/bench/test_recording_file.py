@@ -3,7 +3,6 @@
 import errno
 import importlib
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -381,8 +380,10 @@ def log(left_log: Path, tmp_path: Path) -> Path:
     return Path(copy(left_log, tmp_path))
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows limits no length of files")
 def test_a_recovery_onto_a_full_disk_is_one_line(log: Path) -> None:
     """In a process of its own, whose files may not be longer: a write fails as on a full disk."""
+    resource = importlib.import_module("resource")
     path = log.with_name("x.h5")
 
     def limit() -> None:
