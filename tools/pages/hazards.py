@@ -106,7 +106,7 @@ def _rows(
     return table(
         (
             "Cause", "Common cause", "Safety function", "Watchdogs", "Bound", "Reached",
-            "What is left", "Shown by",
+            "Not covered", "Shown by",
         ),
         *(
             (
@@ -186,7 +186,7 @@ def _hostile_actions() -> int:
 
 def _common(causes: list[dict[str, Any]], times: dict[str, float]) -> Iterator[str]:
     return table(
-        ("What", "Feeds the loop", "Feeds its watch", "What breaks the tie", "Found"),
+        ("Source", "Feeds the loop", "Feeds its watch", "Independent source", "Found"),
         *(
             (
                 cause["name"],

@@ -228,9 +228,9 @@ def _relaxing(rules: Table) -> Iterator[str]:
 def _stage() -> list[str]:
     """List the states of the plate's power stage, and their transitions."""
     return [
-        *table(("State", "What it is"), *((_title(s.name), s.value) for s in StageState)),
+        *table(("State", "Meaning"), *((_title(s.name), s.value) for s in StageState)),
         *table(
-            ("State", "Event", "What it is", "Next"),
+            ("State", "Event", "Meaning", "Next"),
             *(
                 (
                     _title(row.state.name),
@@ -272,12 +272,12 @@ def safety() -> Pages:
         )
         for watchdog, row in WATCHDOGS.items()
     )
-    head = "Bit|Fault|Looks at|EMCY|Error register|Bound|Why|Forgets|Limit|What to do"
+    head = "Bit|Fault|Looks at|EMCY|Error register|Bound|Why|Forgets|Limit|Next step"
     return renewed(
         REFERENCE / "safety.md",
         {
             "states": columns("Number|State", ((f"{int(s)}", _title(s.name)) for s in State)),
-            "transitions": columns("State|Event|What it is|Guard|Next", transitions),
+            "transitions": columns("State|Event|Meaning|Guard|Next", transitions),
             "controlword": columns("Bit|Command", bits),
             "watchdogs": columns(head, watchdogs),
             "forgotten": f"{FORGOTTEN}",
@@ -356,7 +356,7 @@ def python_pages() -> Iterator[tuple[str, str]]:
         "These pages are made by `tools/pages/make reference` from the docstrings: change those.",
         "",
     ]
-    yield "python.md", "\n".join([*lines, *table(("Package", "What it is"), *rows)])
+    yield "python.md", "\n".join([*lines, *table(("Package", "Summary"), *rows)])
 
 
 def _page(face: str, head: str, names: list[Name], own: list[Name], seen: dict[int, Name]) -> str:
@@ -365,7 +365,7 @@ def _page(face: str, head: str, names: list[Name], own: list[Name], seen: dict[i
         home = seen[id(name.value)].face
         where = "" if home == face else f" ([{home}]({home}.md))"
         rows.append((f"`{name.name}`{where}", name.summary))
-    lines = [f"# `smarttac_can.{face}`", "", head, "", *table(("Name", "What it is"), *rows)]
+    lines = [f"# `smarttac_can.{face}`", "", head, "", *table(("Name", "Summary"), *rows)]
     if own:
         lines += ["```{eval-rst}"]
         for name in own:
