@@ -686,8 +686,7 @@ class Stimulator(NamedObjects):
             On Ctrl-C, between two cycles.
 
         The last four errors disarm, unless this bench only reads. Their `trace` holds what was
-        recorded until then, or is None. A warning is given if the COF that is asked for is out of
-        reach of the finger in most of the rows: `Trace.shortfall`.
+        recorded until then, or is None.
         """
         subject = require_labels(experiment, self.finger.subject if subject is None else subject)
         made = partial(_trace, experiment, subject, own_metadata(metadata))
@@ -716,8 +715,6 @@ class Stimulator(NamedObjects):
         trace = made(rows[:cycles])
         if not knew_fault:
             self._require_no_fault(state, trace)
-        if trace.shortfall:
-            warnings.warn(trace.shortfall, stacklevel=2)
         return trace
 
     def sample(self, names: Sequence[str], count: int) -> npt.NDArray[np.float64]:

@@ -239,7 +239,8 @@ class Trace:
         first, last = self.tick[0], self.tick[-1]
         return (
             f"<Trace {self.experiment!r} of subject {self.subject}: {len(self)} rows, "
-            f"ticks {first}..{last} ms, {self.lost} lost, {self.limited} limited>"
+            f"ticks {first}..{last} ms, {self.lost} lost, {self.limited} limited"
+            f"{self.shortfall and '; '}{self.shortfall}>"
         )
 
     @cached_property
@@ -265,6 +266,8 @@ class Trace:
     @property
     def shortfall(self) -> str:
         """One line on a COF that was out of reach in most of the rows; empty if it was not.
+
+        It is shown with the trace. It is no warning: a start or a lift may be most of a short run.
 
         It says what was asked for and what the finger gave: at the limits friction can be lowered
         no further, and no drive raises it above that of the bare plate.

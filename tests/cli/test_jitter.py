@@ -23,7 +23,7 @@ KEYS = {
     *("stage", "state", "message", "refused"),
 }
 
-TRIES = 6
+TRIES = 4
 
 
 def children() -> list[psutil.Process]:
@@ -122,7 +122,7 @@ def driving(command: list[str], heard: list[int]) -> Iterator[subprocess.Popen[b
     for _ in range(TRIES):
         with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
             try:
-                guard = time.monotonic() + GUARD_S / TRIES
+                guard = time.monotonic() + GUARD_S / 2
                 while not any(heard) and time.monotonic() < guard:
                     time.sleep(0.005)
                 if any(heard):

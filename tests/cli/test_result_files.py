@@ -46,6 +46,8 @@ FILES: dict[str, tuple[str | Path, ...]] = {
     "calibrate --certificate": ("calibrate", __file__, *CHANNEL, "--certificate"),
     "eds check --json": ("eds", "check", "plate", "--json"),
     "eds load --json": ("eds", "load", EDS, *CHANNEL, "--json"),
+    "eds save --json": ("eds", "save", "new.dcf", "--node-id", "5", *CHANNEL, "--json"),
+    "eds diff --json": ("eds", "diff", EDS, EDS, "--node-id", "5", "--json"),
     "eds show --output": ("eds", "show", "plate", "--output"),
     "eds doc --output": ("eds", "doc", "plate", "--output"),
     "eds dbc --output": ("eds", "dbc", "plate", "--output"),

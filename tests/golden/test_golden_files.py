@@ -24,6 +24,7 @@ from smarttac_can.bench import (
 )
 from smarttac_can.bench.recording_file import RecordedData
 from smarttac_can.canopen.device.storage import Memory
+from smarttac_can.canopen.od.cia import EMCY_ID
 from smarttac_can.canopen.od.eds import load_eds
 from smarttac_can.host.files import StorageFile, read_lines
 from smarttac_can.host.log_file import read_log
@@ -165,15 +166,15 @@ def test_an_eds_of_then_is_no_device_of_today(files: Path) -> None:
     )
 
 
-def test_stored_parameters(files: Path) -> None:
+def test_stored_parameters_of_an_older_revision_are_refused(files: Path) -> None:
     data = StorageFile(files / "node.bin").read()
     assert data is not None
     memory = Memory()
     memory.write(data)
     node = StimulatorNode(stimulator_od(), plate_node_id=33, lockstep=True, storage=memory)
-    node.start()
-    assert node.od["Limit.Voltage"].value == 6_000
-    assert TextureTable.unpack(node.od["Texture table.Table 3"].value) == GRATING.table
+    sent = node.start()
+    assert [f.data[:2] for f in sent if f.can_id == EMCY_ID + node.od.node_id] == [b"\x30\x55"]
+    assert node.od["Limit.Voltage"].value == node.od["Limit.Voltage"].default == 15_000
 
 
 def test_faults(files: Path) -> None:

@@ -73,6 +73,7 @@ def test_the_results() -> None:
     assert explained
 
 
+@pytest.mark.long
 def test_a_panel_runs_beside() -> None:
     results, explained = results_of("--seconds", "4", "--panel")
     assert results["cpu_share"]["panel"] > 0
@@ -80,6 +81,7 @@ def test_a_panel_runs_beside() -> None:
     assert explained
 
 
+@pytest.mark.long
 def test_an_sdo_client_runs_beside() -> None:
     results, _ = results_of("--seconds", "5", "--sdo", "5000", "--deadline", "100")
     assert set(results["deadline_ms"].values()) == {100}

@@ -97,6 +97,7 @@ def test_wrong_arguments(arguments: tuple[str, ...], tool: Any, call: Callable[.
         call(tool, *arguments)
 
 
+@pytest.mark.long
 def test_one_case_with_real_processes(tool: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     (case,) = [case for case in tool.CASES if case.name == "stimulator, SIGTERM"]
     monkeypatch.setattr(tool, "CASES", [case])

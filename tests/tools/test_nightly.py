@@ -69,6 +69,9 @@ ROWS = runpy.run_path(str(TOOL))["rows"]()
 @pytest.mark.parametrize("name", ROWS)
 def test_every_command_takes_its_options(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     _, *command = runpy.run_path(str(TOOL))["command_of"](ROWS[name])
+    if command[:2] == ["-m", "pytest"]:
+        assert pytest.main([*command[2:], "--version"]) == 0
+        return
     if command[0] == "-m":
         command[:2] = [str(ROOT / command[1].replace(".", "/"))]
     monkeypatch.syspath_prepend(str(Path(command[0]).parent))

@@ -64,7 +64,10 @@ def test_fault_ends_in_0_v_in_time_and_recovers(case: FaultCase, mode: Mode) -> 
 
 @pytest.mark.parametrize(
     ("name", "hold"),
-    [("a node babbles", 2000), *(("bus-off", hold) for hold in (2000, 2125, 2250, 2375))],
+    [
+        pytest.param("a node babbles", 2000, marks=pytest.mark.long),
+        *(("bus-off", hold) for hold in (2000, 2125, 2250, 2375)),
+    ],
 )
 def test_fault_beyond_plate_heartbeat_ends_with_the_next_one(name: str, hold: int) -> None:
     # Heartbeats of the plate come each 500 cycles, so wherever between two of them it ends.

@@ -59,10 +59,10 @@ def sharing(*work: str) -> Iterator[subprocess.Popen[str]]:
     [
         (SOAK, signal.SIGINT, False, True, False),
         (SOAK, signal.SIGINT, True, True, False),
-        (SOAK, signal.SIGINT, False, False, False),
-        (SOAK, signal.SIGTERM, False, False, False),
+        pytest.param(SOAK, signal.SIGINT, False, False, False, marks=pytest.mark.long),
+        pytest.param(SOAK, signal.SIGTERM, False, False, False, marks=pytest.mark.long),
         (FAULTS, signal.SIGINT, False, True, True),
-        (FAULTS, signal.SIGKILL, False, False, False),
+        pytest.param(FAULTS, signal.SIGKILL, False, False, False, marks=pytest.mark.long),
     ],
 )
 def test_no_process_is_left(

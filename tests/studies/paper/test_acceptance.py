@@ -60,7 +60,9 @@ def test_friction() -> None:
         assert table["touches"]["subjects"][i]["count"]["rise_time_ms"] >= 20
 
 
-@pytest.mark.parametrize("seed", SEEDS[1:])
+@pytest.mark.parametrize(
+    "seed", [SEEDS[1], *(pytest.param(seed, marks=pytest.mark.long) for seed in SEEDS[2:])]
+)
 def test_friction_of_another_seed(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     # A sixth of the touches of the table: the same conclusion, sooner.
     monkeypatch.setattr("smarttac_can.studies.paper.experiments.PASSES", 8)

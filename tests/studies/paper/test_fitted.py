@@ -14,7 +14,9 @@ SEEDS = range(1, 4)
 PAPER = [(3.37, 27.6), (3.41, 44.4), (2.87, 48.0), (5.72, 30.0)]
 
 
-@pytest.mark.parametrize("number", range(1, 5))
+@pytest.mark.parametrize(
+    "number", [1, *(pytest.param(other, marks=pytest.mark.long) for other in (2, 3, 4))]
+)
 def test_rise_and_overshoot_are_those_of_the_paper(number):
     rows = []
     for seed in SEEDS:
