@@ -110,7 +110,7 @@ def test_a_script_that_ends_disarms_and_leaves_no_fault(
         assert (bench.state, bench.message) == (State.READY, "")
 
 
-def test_the_end_disarms_what_was_armed_here_and_waits_for_no_heartbeat(
+def test_the_end_disarms_and_waits_for_no_heartbeat(
     virtual: dict[str, Any],
 ) -> None:
     stimulator = stimulator_with_plate(lockstep=False)
@@ -130,7 +130,7 @@ def test_the_end_disarms_what_was_armed_here_and_waits_for_no_heartbeat(
         _close_all()
 
 
-def test_a_forked_process_has_no_connection_and_ends_no_recording(
+def test_a_forked_process_ends_no_connection_and_no_recording(
     virtual: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stimulator = stimulator_with_plate(lockstep=False)
