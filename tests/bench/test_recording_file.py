@@ -216,7 +216,7 @@ def test_own_metadata_of_a_recording_is_read_back(tmp_path: Path) -> None:
 def test_limited_rows_of_a_recording_are_counted(tmp_path: Path) -> None:
     with Stimulator.simulate("local", subject=2) as bench:
         touched(bench, cof=2.0)
-        with bench.record(tmp_path / "run.h5") as recording, pytest.warns(UserWarning, match="COF"):
+        with bench.record(tmp_path / "run.h5") as recording:
             trace = bench.run(0.5)
     read = read_recording(tmp_path / "run.h5")
     assert recording.summary is not None
