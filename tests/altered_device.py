@@ -1,6 +1,7 @@
 """A device that differs from a right one by its frames, and the verdicts of the suite."""
 
 from collections.abc import Callable, Collection, Iterator
+from functools import cache
 
 from read_once import read_once
 from rich_eds import RICH
@@ -78,6 +79,12 @@ def is_frame(can_id: int, *, first: int | None = None) -> Callable[[Frame], bool
     return lambda f: f.can_id == can_id and (first is None or f.data[:1] == bytes((first,)))
 
 
+@cache
+def described(sheet: str) -> DeviceDescription:
+    """Description by an EDS, which is read once in a run: no case changes it."""
+    return DeviceDescription(sheet, NODE_ID)
+
+
 def judge(
     *,
     inwards: Change | None = None,
@@ -91,5 +98,4 @@ def judge(
     node = Altered(Device(read_once(text, NODE_ID)), inwards=inwards, outwards=outwards)
     bus = DeviceTimeBus(node)
     cases = [case for case in CASES if case.number in only.split()]
-    described = DeviceDescription(sheet, NODE_ID)
-    return run_cases(Examiner(bus, described, timeout=timeout, clock=bus.time), cases)
+    return run_cases(Examiner(bus, described(sheet), timeout=timeout, clock=bus.time), cases)
