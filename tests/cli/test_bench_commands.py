@@ -1,6 +1,7 @@
 """Commands at a stimulator: its state, reset, live view, self-test and calibration."""
 
 import fcntl
+import itertools
 import json
 import os
 import pty
@@ -28,9 +29,10 @@ from nodes_on_a_bus import (
     multicast_options,
     processes,
     stimulator_with_plate,
+    until,
 )
 
-from smarttac_can.bench import BenchError, Placing, State, Stimulator, read_plan
+from smarttac_can.bench import BenchError, Mode, Placing, State, Stimulator, read_plan
 from smarttac_can.canopen.commissioning.node_ids import wait_until
 from smarttac_can.instrument.nodes.stimulator_node import StimulatorNode
 from smarttac_can.vocabulary.faults import FaultKind
@@ -311,14 +313,28 @@ def test_a_watch_that_drives_leaves_0_v_with_ctrl_c(multicast: dict[str, Any]) -
 
 
 def test_a_watch_that_is_killed_leaves_0_v(multicast: dict[str, Any]) -> None:
-    options = multicast_options(multicast)
-    with processes(multicast, "node") as (node,), terminal(*options, "--drive") as watch:
+    stimulator = stimulator_with_plate(lockstep=False)
+    mode, message = stimulator.od["Mode display"], stimulator.od["Message"]
+    with (
+        in_threads(multicast, stimulator, lockstep=False),
+        terminal(*multicast_options(multicast), "--drive") as watch,
+    ):
         watch.wait_for("ready")
-        watch.press("mode open_loop\r")
-        node.wait_for("stimulator 32 mode open_loop")
+
+        keys = itertools.cycle(("mode open_loop\r", "reset\r"))
+
+        def drives() -> bool:
+            """Press again where a busy machine stopped the watch for its heartbeat time."""
+            watch.press(next(keys))
+            pressed = time.monotonic()
+            while mode.value != Mode.OPEN_LOOP and time.monotonic() < pressed + 3.0:
+                watch.read()  # a terminal that is full stops it
+            return mode.value == Mode.OPEN_LOOP
+
+        until(drives)
         watch.process.send_signal(signal.SIGKILL)
-        node.wait_for("stimulator 32 mode off")
-        node.wait_for("stimulator 32 fault 8131h: the heartbeat of a supervised node is lost")
+        until(lambda: mode.value == Mode.OFF)
+        assert message.value == "the heartbeat of a supervised node is lost"
 
 
 def test_nobody_to_drive_is_one_line(multicast: dict[str, Any]) -> None:
