@@ -58,6 +58,7 @@ def test_a_second_on_a_simulated_plate(multicast: dict[str, Any], tmp_path: Path
     assert not children()
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("without_privileges")
 def test_jitter_names_each_refusal_of_its_nodes(multicast: dict[str, Any]) -> None:
     done = run(
@@ -115,6 +116,7 @@ def test_a_signal_ends_it_with_its_nodes(multicast: dict[str, Any]) -> None:
         assert "the loop never ran" in complaints
 
 
+@pytest.mark.long
 def test_nothing_is_left_of_one_that_is_killed(multicast: dict[str, Any]) -> None:
     command = [sys.executable, "-m", "smarttac_can", "jitter", *multicast_options(multicast)]
     nodes: list[psutil.Process] = []

@@ -35,6 +35,7 @@ def test_there_are_eight_short_ones() -> None:
         assert len(script.read_text("utf-8").splitlines()) <= MOST_LINES, script.name
 
 
+@pytest.mark.long  # the site draws them all
 @pytest.mark.parametrize("script", SCRIPTS, ids=[script.stem for script in SCRIPTS])
 def test_it_runs_and_draws(script: Path, tmp_path: Path) -> None:
     picture = tmp_path / "figure.png"

@@ -92,6 +92,7 @@ def test_an_sdo_client_runs_beside() -> None:
         assert results[f"block_{way}load_share_of_bare"] > 0
 
 
+@pytest.mark.long
 def test_a_signal_ends_all_of_it() -> None:
     with running("--seconds", "3600", "--hogs", "1") as process:
         tool = psutil.Process(process.pid)

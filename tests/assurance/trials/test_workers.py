@@ -61,7 +61,7 @@ def sharing(*work: str) -> Iterator[subprocess.Popen[str]]:
         (SOAK, signal.SIGINT, True, True, False),
         pytest.param(SOAK, signal.SIGINT, False, False, False, marks=pytest.mark.long),
         pytest.param(SOAK, signal.SIGTERM, False, False, False, marks=pytest.mark.long),
-        (FAULTS, signal.SIGINT, False, True, True),
+        pytest.param(FAULTS, signal.SIGINT, False, True, True, marks=pytest.mark.long),
         pytest.param(FAULTS, signal.SIGKILL, False, False, False, marks=pytest.mark.long),
     ],
 )
