@@ -63,12 +63,19 @@ _EMCY: Final = struct.Struct("<HBB4x")
 
 def stimulator_od(node_id: int = STIMULATOR_ID) -> ObjectDictionary:
     """Load the EDS of the stimulator for a node-ID, 1..127."""
-    return load_eds(read_eds("stimulator.eds"), node_id)
+    return _with_seed(load_eds(read_eds("stimulator.eds"), node_id))
 
 
 def plate_od(node_id: int = PLATE_ID) -> ObjectDictionary:
     """Load the EDS of the plate for a node-ID, 1..127."""
-    return load_eds(read_eds("plate.eds"), node_id)
+    return _with_seed(load_eds(read_eds("plate.eds"), node_id))
+
+
+def _with_seed(od: ObjectDictionary) -> ObjectDictionary:
+    """Set the seed of a simulation for which none is given; options set it, so the EDS has none."""
+    seed = od["Simulation.Seed"]
+    seed.default = seed.value = 1
+    return od
 
 
 def know_nulls(od: ObjectDictionary, nulls: Iterable[float]) -> None:

@@ -15,7 +15,7 @@ from typing import Any, Final, NamedTuple
 import click
 from click.core import ParameterSource
 
-from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID, know_nulls
+from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID, know_nulls, plate_od
 from smarttac_can.canopen.bus.bus import BusError, QueueFullError
 from smarttac_can.canopen.commissioning.dcf import find_entry
 from smarttac_can.canopen.device.device import Device
@@ -23,7 +23,6 @@ from smarttac_can.canopen.device.nmt import NMTState
 from smarttac_can.canopen.od.cia import COMMUNICATION_LAST, UNCONFIGURED, Abort
 from smarttac_can.canopen.od.data_types import REAL
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
-from smarttac_can.canopen.od.eds import load_eds
 from smarttac_can.canopen.od.eds_check import check_pdos
 from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.cli.shared import (
@@ -48,7 +47,6 @@ from smarttac_can.host.files import (
     FaultFile,
     StorageFile,
     packaged_eds,
-    read_eds,
     read_lines,
     read_numbers,
     reason,
@@ -449,7 +447,7 @@ def node(
         motion, recording = finger
         inside, presets = None, {}
         if plate_node is None:
-            inside = PlateBlock(load_eds(read_eds("plate.eds"), PLATE_ID), recording)
+            inside = PlateBlock(plate_od(), recording)
             presets = _finger_presets(od, motion, subject, seed)
             know_nulls(od, inside.plate.nulls)
         device = StimulatorNode(

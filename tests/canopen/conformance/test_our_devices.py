@@ -1,4 +1,7 @@
-"""All cases that apply pass for a device of a rich EDS, for a minimal one and for the two nodes."""
+"""All cases that apply pass for a device of a rich EDS and for a minimal one.
+
+Those for the two nodes of the commands are in ``tests/cli/test_conform_own_nodes.py``.
+"""
 
 from read_once import read_once
 from rich_eds import RICH
@@ -8,11 +11,7 @@ from smarttac_can.canopen.conformance.case import Case, DeviceDescription
 from smarttac_can.canopen.conformance.examiner import Examiner
 from smarttac_can.canopen.conformance.run import CASES, DeviceTimeBus, run_cases
 from smarttac_can.canopen.device.device import Device
-from smarttac_can.host.files import read_eds
 from smarttac_can.instrument.nodes.device_node import DeviceNode
-from smarttac_can.instrument.nodes.plate_block import PlateBlock
-from smarttac_can.instrument.nodes.plate_node import PlateNode
-from smarttac_can.instrument.nodes.stimulator_node import StimulatorNode
 
 NODE_ID = 32
 TIMEOUT_S = 0.15
@@ -34,21 +33,6 @@ def test_device_of_a_rich_eds() -> None:
 def test_each_case_passes_by_itself() -> None:
     for case in CASES:
         assert judge(DeviceNode(Device(read_once(RICH, NODE_ID))), RICH, (case,)) == {}
-
-
-def test_plate_node() -> None:
-    text = read_eds("plate.eds")
-    assert judge(PlateNode(read_once(text, NODE_ID)), text) == {}
-
-
-def test_stimulator_node_has_events_all_the_time() -> None:
-    text = read_eds("stimulator.eds")
-    inside = PlateBlock(read_once(read_eds("plate.eds"), 33))
-    reason = ("not applicable", "the application has events all the time")
-    assert judge(StimulatorNode(read_once(text, NODE_ID), inside), text) == {
-        "PDO-04": reason,
-        "PDO-09": reason,
-    }
 
 
 VAR = "[{index}]\nParameterName={name}\nObjectType=0x7\nDataType={kind}\nAccessType=ro\n"
