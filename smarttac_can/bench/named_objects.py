@@ -183,6 +183,19 @@ class NamedObjects:
                     self._write(name, held)
                 raise
 
+    def _set_alike(self, values: Mapping[str, Given]) -> None:
+        """Write objects that only their bounds refuse: a value outside goes first.
+
+        So nothing has changed when it is refused, and no old value has to be read.
+        """
+        entries = {name: find_number(self._od, name) for name in values}
+        raws = {name: raw_value(entries[name], values[name]) for name in values}
+        with self._link.turn:
+            for name in sorted(
+                values, key=lambda name: entries[name].low <= raws[name] <= entries[name].high
+            ):
+                self._write(name, raws[name], values[name])
+
     def nearest(self, name: str, value: float | str) -> float:
         """Return the value that an object holds after rounding a measured value to its step.
 

@@ -142,7 +142,7 @@ class Stimulator(NamedObjects):
 
     @cof.setter
     def cof(self, cof: float | str | Iterable[float | str]) -> None:
-        self._set_all(_sides(cof))
+        self._set_alike(_sides(cof))
 
     @property
     def mode(self) -> Mode:

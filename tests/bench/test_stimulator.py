@@ -61,7 +61,7 @@ def test_set_points(bench: Stimulator) -> None:
         assert bench.get(entry) == held, (name, given)
 
 
-def test_the_cof_of_both_sides_takes_one_read_and_two_writes(
+def test_the_cof_of_both_sides_takes_two_writes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     transfers: list[tuple[str, str]] = []
@@ -76,9 +76,19 @@ def test_the_cof_of_both_sides_takes_one_read_and_two_writes(
 
             monkeypatch.setattr(link, name, told)
         bench.cof = 0.36
-    left, right = "Setpoint.COF left", "Setpoint.COF right"
-    assert transfers[:3] == [("read", left), ("write", left), ("write", right)]
-    assert not [name for _, name in transfers[3:] if name in (left, right)]
+        monkeypatch.undo()
+    assert transfers == [("write", "Setpoint.COF left"), ("write", "Setpoint.COF right")]
+
+
+@pytest.mark.parametrize("sides", [(0.2, 2.5), (0.01, 0.5), (0.01, 2.5)])
+@pytest.mark.parametrize("bench", ["local", "bus"], indirect=True)
+def test_cof_of_one_side_refused_changes_neither(
+    bench: Stimulator, sides: tuple[float, float]
+) -> None:
+    bench.cof = (0.31, 0.41)
+    with pytest.raises(RefusedError):
+        bench.cof = sides
+    assert bench.cof == (0.31, 0.41)
 
 
 def test_set_takes_text_with_unit_or_displayed_number() -> None:
