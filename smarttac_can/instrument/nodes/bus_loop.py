@@ -3,6 +3,28 @@
 `Pairing` joins the three TPDOs of the plate to one measurement. SYNC is the tick of the plate.
 Three things are compared with it: device time (`SyncWatch`), the measurements that follow it
 (`SourceWatch`), and the ticks that are answered (`LateAnswers`).
+
+Notes
+-----
+The classes of the loop that count one thing against another, with those of `loop_time` and
+`plate_node`. They share no step, so they are no rows of one table as the watches of a cycle are
+(`watches`): they are stepped by different events, and some judge at once, some at the end of an
+interval, and two only count.
+
+============== ===================== ==================== ====================== =================
+Class          Stepped by            Counts               Against                Result
+============== ===================== ==================== ====================== =================
+_Window        SYNC received         SYNCs                periods of device time SYNC irregular
+SyncWatch      SYNC received         us without a SYNC    the deadline           SYNC lost
+SourceWatch    SYNC, measurement     credits, 0..deadline one measurement a SYNC double sources
+LateAnswers    SYNC, answer          SYNCs less the tick  the least of the past  a remark
+MissedTime     own cycle             cycles               periods of device time ticks missed
+LateDrives     tick, drive           us since the tick    the instant of a drive an object
+DriveSender    drive, tick           wrong check sums     a leaky bucket         0 V at the plate
+============== ===================== ==================== ====================== =================
+
+What opens and clears them differs as well: a window of the deadline and one of 1000 periods, a
+first SYNC, silence, a full second, a session of the plate.
 """
 
 from __future__ import annotations
