@@ -17,16 +17,7 @@ import numpy.typing as npt
 from smarttac_can.bench.errors import BusyError, NotRunningError
 from smarttac_can.bench.traces import COLUMNS
 from smarttac_can.canopen.master.errors import BenchError
-from smarttac_can.canopen.od.cia import (
-    CAN_ID_MASK,
-    COB_INVALID,
-    FRAME_BYTES,
-    PDO_COB_ID,
-    RPDO_COMMUNICATION,
-    RPDO_MAPPING,
-    TPDO_COMMUNICATION,
-    TPDO_MAPPING,
-)
+from smarttac_can.canopen.od import cia
 from smarttac_can.canopen.od.data_types import REAL, STRUCT_CODES
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import Entry
@@ -336,12 +327,12 @@ def published_pdos(od: ObjectDictionary, read: Callable[[Entry], int]) -> list[P
     list of PublishedPdo
         Valid TPDOs that map only integers known to the EDS, by number.
     """
-    return _pdos(od, read, TPDO_COMMUNICATION, TPDO_MAPPING)
+    return _pdos(od, read, cia.TPDO_COMMUNICATION, cia.TPDO_MAPPING)
 
 
 def commanded_pdos(od: ObjectDictionary, read: Callable[[Entry], int]) -> list[PublishedPdo]:
     """Read from a node what the RPDOs of its master carry, as `published_pdos` for TPDOs."""
-    return _pdos(od, read, RPDO_COMMUNICATION, RPDO_MAPPING)
+    return _pdos(od, read, cia.RPDO_COMMUNICATION, cia.RPDO_MAPPING)
 
 
 def _pdos(
@@ -349,20 +340,20 @@ def _pdos(
 ) -> list[PublishedPdo]:
     pdos = []
     for number in PUBLIC:
-        cob_id = read(od.entry(communication + number - 1, PDO_COB_ID))
-        if cob_id & COB_INVALID:
+        cob_id = read(od.entry(communication + number - 1, cia.PDO_COB_ID))
+        if cob_id & cia.COB_INVALID:
             continue
         record = mapping + number - 1
         count = read(od.entry(record, 0))
-        if count > FRAME_BYTES:
+        if count > cia.FRAME_BYTES:
             # More than the bytes of a frame, or a multiplexed PDO.
             continue
         mapped = [read(od.entry(record, position)) for position in range(1, count + 1)]
         entries = [od.get(value >> 16, value >> 8 & 0xFF) for value in mapped]
         known = [e for e in entries if e is not None and e.data_type in STRUCT_CODES.keys() - REAL]
         # A device may answer anything: ignore a PDO that does not fit into a frame.
-        if known and len(known) == count and sum(entry.size for entry in known) <= FRAME_BYTES:
-            pdos.append(PublishedPdo(number, cob_id & CAN_ID_MASK, known))
+        if known and len(known) == count and sum(entry.size for entry in known) <= cia.FRAME_BYTES:
+            pdos.append(PublishedPdo(number, cob_id & cia.CAN_ID_MASK, known))
     return pdos
 
 

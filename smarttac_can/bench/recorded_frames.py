@@ -13,7 +13,7 @@ from smarttac_can.bench.textures import Texture
 from smarttac_can.bench.traces import Integers
 from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.master.requests import Downloads, Written
-from smarttac_can.canopen.od.cia import BOOT_UP, EMCY_ID, HEARTBEAT_ID, MANUFACTURER_FIRST
+from smarttac_can.canopen.od import cia
 from smarttac_can.canopen.od.data_types import unpack
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.eds import load_eds
@@ -511,9 +511,9 @@ class EventReader:
         self, when: _When, frame: Frame, node_id: int, od: ObjectDictionary
     ) -> Iterable[Event | None]:
         """Yield the events of a frame from or to a node that is not a PDO; None for a restart."""
-        if frame == (HEARTBEAT_ID + node_id, BOOT_UP, False):
+        if frame == (cia.HEARTBEAT_ID + node_id, cia.BOOT_UP, False):
             yield None
-        elif frame.can_id == EMCY_ID + node_id and len(frame.data) == _EMCY_BYTES:
+        elif frame.can_id == cia.EMCY_ID + node_id and len(frame.data) == _EMCY_BYTES:
             code = int.from_bytes(frame.data[:2], "little")
             yield Emergency(*when, node_id, code, _emergency(code, frame.data))
         elif taken := self._downloads[node_id].hear(frame):
@@ -529,7 +529,7 @@ class EventReader:
             yield RecordedTexture(*when, slot, False, *texture_in(taken.data))
         elif entry.size == len(taken.data):
             raw = unpack(entry.data_type, taken.data)
-            if isinstance(raw, int) and entry.index >= MANUFACTURER_FIRST:
+            if isinstance(raw, int) and entry.index >= cia.MANUFACTURER_FIRST:
                 yield self._set_point(when, node_id, entry, raw)
             if entry.name == START_RUN:
                 yield None

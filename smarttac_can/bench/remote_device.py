@@ -27,18 +27,8 @@ from smarttac_can.canopen.master.errors import (
 )
 from smarttac_can.canopen.master.requests import answers, upload
 from smarttac_can.canopen.master.sdo_client import OtherClientError, SharedSdoClient
-from smarttac_can.canopen.od.cia import (
-    HEARTBEAT_CONSUMER,
-    HEARTBEAT_ID,
-    HEARTBEAT_PRODUCER,
-    IDENTITY,
-    LAST_NODE_ID,
-    NMT_ID,
-    SDO_TX_ID,
-    Abort,
-    AbortCode,
-    NMTCommand,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import Abort, AbortCode, NMTCommand
 from smarttac_can.canopen.od.data_types import pack, unpack
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import Entry
@@ -101,11 +91,11 @@ class RemoteDevice:
         self._network = network
         self._name = od.info.get("productname", "device")
         self._sdo = SharedSdoClient(network, od.node_id, timeout)
-        self._asked = cycle(od.objects[IDENTITY].entries.values())
+        self._asked = cycle(od.objects[cia.IDENTITY].entries.values())
         self.heartbeat_at: float | None = None
         self.state = 0
-        network.subscribe(HEARTBEAT_ID + od.node_id, self._on_heartbeat)
-        expected = od.entry(IDENTITY, _PRODUCT_CODE)
+        network.subscribe(cia.HEARTBEAT_ID + od.node_id, self._on_heartbeat)
+        expected = od.entry(cia.IDENTITY, _PRODUCT_CODE)
         try:
             found = self.read(expected)
         except HeartbeatLostError as error:
@@ -117,7 +107,7 @@ class RemoteDevice:
                 f"node {od.node_id} on {where} has product code {found:08X}, "
                 f"a {self._name} has {expected.default:08X}: give the node-ID of the right one"
             )
-        period = od.entry(HEARTBEAT_PRODUCER)
+        period = od.entry(cia.HEARTBEAT_PRODUCER)
         self.heartbeat_s = self.read(period) * period.si
 
     def read(self, entry: Entry) -> Any:
@@ -165,7 +155,7 @@ class RemoteDevice:
 
     def start(self) -> None:
         """Command the device into the NMT state OPERATIONAL."""
-        self._network.send_message(NMT_ID, [NMTCommand.START, self.od.node_id])
+        self._network.send_message(cia.NMT_ID, [NMTCommand.START, self.od.node_id])
         self.state = int(NMTState.OPERATIONAL)
 
     @property
@@ -223,7 +213,7 @@ class RemoteDevice:
             if answers(Frame(can_id, bytes(data)), request):
                 answered.set()
 
-        self._network.subscribe(SDO_TX_ID + node_id, hear)
+        self._network.subscribe(cia.SDO_TX_ID + node_id, hear)
         try:
             end = monotonic() + patience
             while not interrupted():
@@ -238,7 +228,7 @@ class RemoteDevice:
         except can.CanError as error:
             raise BusLostError(f"cannot ask node {node_id}: the bus has failed: {error}") from error
         finally:
-            self._network.unsubscribe(SDO_TX_ID + node_id, hear)
+            self._network.unsubscribe(cia.SDO_TX_ID + node_id, hear)
 
     def _on_heartbeat(self, _can_id: int, data: bytearray, _timestamp: float) -> None:
         self.heartbeat_at = monotonic()
@@ -267,7 +257,7 @@ def bench_id(stimulator_id: int) -> int:
 
     Stimulators on one bus may have different benches, so each watches a different node-ID.
     """
-    return LAST_NODE_ID - stimulator_id % _IDS
+    return cia.LAST_NODE_ID - stimulator_id % _IDS
 
 
 def drives(name: str, raw: int) -> bool:
@@ -365,11 +355,11 @@ class BenchHeartbeat:
             return
 
     def _send(self) -> None:
-        self._network.send_message(HEARTBEAT_ID + self._id, _OPERATIONAL)
+        self._network.send_message(cia.HEARTBEAT_ID + self._id, _OPERATIONAL)
 
     def _watches(self) -> dict[Entry, int]:
         device = self._stimulator
-        entries = device.od.objects[HEARTBEAT_CONSUMER].entries
+        entries = device.od.objects[cia.HEARTBEAT_CONSUMER].entries
         return {
             entries[subindex]: device.read(entries[subindex]) for subindex in entries if subindex
         }
@@ -381,8 +371,8 @@ class BenchHeartbeat:
         def hear(_can_id: int, _data: bytearray, _timestamp: float) -> None:
             heard.set()
 
-        self._network.subscribe(HEARTBEAT_ID + self._id, hear)
+        self._network.subscribe(cia.HEARTBEAT_ID + self._id, hear)
         try:
             return heard.wait(max([_LISTEN_MS, *watched_ms]) * 1e-3)
         finally:
-            self._network.unsubscribe(HEARTBEAT_ID + self._id, hear)
+            self._network.unsubscribe(cia.HEARTBEAT_ID + self._id, hear)

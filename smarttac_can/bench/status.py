@@ -13,15 +13,7 @@ from smarttac_can.canopen.commissioning.node_ids import wait_until
 from smarttac_can.canopen.device.error_control import supervised_node
 from smarttac_can.canopen.device.nmt import UNKNOWN, state_text
 from smarttac_can.canopen.master.errors import BenchError
-from smarttac_can.canopen.od.cia import (
-    CAN_ID_MASK,
-    COB_INVALID,
-    HEARTBEAT_CONSUMER,
-    HEARTBEAT_ID,
-    PDO_COB_ID,
-    RPDO_COMMUNICATION,
-    TPDO_IDS,
-)
+from smarttac_can.canopen.od import cia
 from smarttac_can.vocabulary.signals import MEASUREMENT_RPDOS
 from smarttac_can.vocabulary.states import Mode, Status, known_state
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, level, watchdogs_in
@@ -105,10 +97,10 @@ def read_status(
 
 def plate_of(device: RemoteDevice) -> int | None:
     """Return the node-ID of the plate to which a stimulator is linked; None if it is inside."""
-    first = RPDO_COMMUNICATION + MEASUREMENT_RPDOS[0] - 1
-    cob_id = int(device.read(device.od.entry(first, PDO_COB_ID)))
-    plate = (cob_id & CAN_ID_MASK) - TPDO_IDS[0]
-    return plate if not cob_id & COB_INVALID and 1 <= plate <= CAN_ID_MASK >> 4 else None
+    first = cia.RPDO_COMMUNICATION + MEASUREMENT_RPDOS[0] - 1
+    cob_id = int(device.read(device.od.entry(first, cia.PDO_COB_ID)))
+    plate = (cob_id & cia.CAN_ID_MASK) - cia.TPDO_IDS[0]
+    return plate if not cob_id & cia.COB_INVALID and 1 <= plate <= cia.CAN_ID_MASK >> 4 else None
 
 
 def supervised(
@@ -118,11 +110,11 @@ def supervised(
     heard: set[int] = set()
 
     def hear(can_id: int, _data: bytearray, _timestamp: float) -> None:
-        heard.add(can_id - HEARTBEAT_ID)
+        heard.add(can_id - cia.HEARTBEAT_ID)
 
     watches = [watch for watch in _entered(device) if watch.node_id != plate_id]
     for watch in watches:
-        network.subscribe(HEARTBEAT_ID + watch.node_id, hear)
+        network.subscribe(cia.HEARTBEAT_ID + watch.node_id, hear)
     longest = max((watch.seconds for watch in watches), default=0.0)
     wait_until(
         lambda: heard.issuperset(watch.node_id for watch in watches),
@@ -133,7 +125,7 @@ def supervised(
 
 def _entered(device: RemoteDevice) -> Iterator[Supervised]:
     own = device.od.node_id
-    for subindex, entry in device.od.objects[HEARTBEAT_CONSUMER].entries.items():
+    for subindex, entry in device.od.objects[cia.HEARTBEAT_CONSUMER].entries.items():
         if subindex:
             value = int(device.read(entry))
             if node_id := supervised_node(value):

@@ -25,7 +25,7 @@ from smarttac_can.canopen.bus.bus import BusError
 from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.master.errors import BenchError
 from smarttac_can.canopen.master.requests import upload
-from smarttac_can.canopen.od.cia import DEVICE_TYPE, HEARTBEAT_ID, SDO_TX_ID, SYNC_ID
+from smarttac_can.canopen.od import cia
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.host.background import Background
 from smarttac_can.host.can_socket import to_frame, to_message
@@ -289,17 +289,19 @@ def require_free(bus: Mapping[str, Any], *ods: ObjectDictionary) -> None:
     BusError
         If the bus cannot be timed, or carries no frames.
     """
-    ids = {base + od.node_id: od.node_id for od in ods for base in (SDO_TX_ID, HEARTBEAT_ID)}
+    ids = {
+        base + od.node_id: od.node_id for od in ods for base in (cia.SDO_TX_ID, cia.HEARTBEAT_ID)
+    }
     with _stamped(bus) as opened:
         try:
             for od in ods:
-                opened.send(to_message(upload(od.node_id, od.entry(DEVICE_TYPE))))
+                opened.send(to_message(upload(od.node_id, od.entry(cia.DEVICE_TYPE))))
             end = monotonic() + _ANSWER_S
             while (left := end - monotonic()) > 0:
                 message = opened.recv(left)
                 if message is None:
                     continue
-                if message.arbitration_id == SYNC_ID:
+                if message.arbitration_id == cia.SYNC_ID:
                     raise BenchError("somebody produces SYNC on this bus: end that loop first")
                 if message.arbitration_id in ids:
                     raise BenchError(

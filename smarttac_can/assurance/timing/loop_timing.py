@@ -13,15 +13,7 @@ import numpy as np
 from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.device.mapping import Direction, compile_mapping
-from smarttac_can.canopen.od.cia import (
-    CAN_ID_MASK,
-    PDO_COB_ID,
-    RPDO_COMMUNICATION,
-    RPDO_MAPPING,
-    SYNC_ID,
-    TPDO_COMMUNICATION,
-    TPDO_MAPPING,
-)
+from smarttac_can.canopen.od import cia
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.vocabulary.signals import TICK
 
@@ -185,20 +177,23 @@ class LoopTiming:
         self.measurement = Delays()
         self.drive = Delays()
         self.lost = 0
-        measurement = TPDO_COMMUNICATION + _LAST_MEASUREMENT - 1
-        drive = RPDO_COMMUNICATION + _DRIVE - 1
-        first_at = _place(plate, TPDO_MAPPING, Direction.TRANSMIT, "Vibration.Tick")
+        measurement = cia.TPDO_COMMUNICATION + _LAST_MEASUREMENT - 1
+        drive = cia.RPDO_COMMUNICATION + _DRIVE - 1
+        first_at = _place(plate, cia.TPDO_MAPPING, Direction.TRANSMIT, "Vibration.Tick")
         measured_at = _place(
-            plate, TPDO_MAPPING + _LAST_MEASUREMENT - 1, Direction.TRANSMIT, "Gauge tick"
+            plate, cia.TPDO_MAPPING + _LAST_MEASUREMENT - 1, Direction.TRANSMIT, "Gauge tick"
         )
-        driven_at = _place(plate, RPDO_MAPPING + _DRIVE - 1, Direction.RECEIVE, "Drive.Tick")
+        driven_at = _place(plate, cia.RPDO_MAPPING + _DRIVE - 1, Direction.RECEIVE, "Drive.Tick")
         self._ticks_of: dict[int, tuple[Callable[[float, int], None], int]] = {
-            plate.number(TPDO_COMMUNICATION, PDO_COB_ID) & CAN_ID_MASK: (self._on_first, first_at),
-            plate.number(measurement, PDO_COB_ID) & CAN_ID_MASK: (
+            plate.number(cia.TPDO_COMMUNICATION, cia.PDO_COB_ID) & cia.CAN_ID_MASK: (
+                self._on_first,
+                first_at,
+            ),
+            plate.number(measurement, cia.PDO_COB_ID) & cia.CAN_ID_MASK: (
                 self._on_measurement,
                 measured_at,
             ),
-            plate.number(drive, PDO_COB_ID) & CAN_ID_MASK: (self._on_drive, driven_at),
+            plate.number(drive, cia.PDO_COB_ID) & cia.CAN_ID_MASK: (self._on_drive, driven_at),
         }
         self._cycle: _Cycle | None = None
         self._begun = 0.0
@@ -255,13 +250,13 @@ class LoopTiming:
     @property
     def can_ids(self) -> frozenset[int]:
         """Identifiers of the frames that are evaluated."""
-        return frozenset({SYNC_ID, *self._ticks_of})
+        return frozenset({cia.SYNC_ID, *self._ticks_of})
 
     def feed(self, time: float, frame: Frame) -> None:
         """Evaluate a frame with its time stamp in s, in bus order; ignore other frames."""
         if frame.rtr:
             return
-        if frame.can_id == SYNC_ID:
+        if frame.can_id == cia.SYNC_ID:
             self._on_sync(time)
         elif frame.can_id in self._ticks_of:
             handler, at = self._ticks_of[frame.can_id]

@@ -19,14 +19,8 @@ from smarttac_can.assurance.trials.rig import (
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
 from smarttac_can.canopen.device.device import GONE_AFTER_US
 from smarttac_can.canopen.device.frame import Frame
-from smarttac_can.canopen.od.cia import (
-    HEARTBEAT_ID,
-    PDO_EVENT,
-    RPDO_COMMUNICATION,
-    RPDO_IDS,
-    TPDO_IDS,
-    NMTCommand,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import NMTCommand
 from smarttac_can.host.faulty_bus import Disturbance, FrameFault
 from smarttac_can.instrument.nodes.front_end import STAGE_TOLERANCE
 from smarttac_can.instrument.nodes.plate_node import READ_BACK_CYCLES
@@ -61,7 +55,7 @@ _PAUSE_CYCLES: Final = 2000
 _FULL_CYCLES: Final = 20
 _SETPOINT_RPDO: Final = 2
 _SETPOINT_PDO: Final = Frame(
-    RPDO_IDS[_SETPOINT_RPDO - 1] + STIMULATOR_ID, pack("<HI", 4000, 4_339_000)
+    cia.RPDO_IDS[_SETPOINT_RPDO - 1] + STIMULATOR_ID, pack("<HI", 4000, 4_339_000)
 )
 """Set-points of voltage and frequency, 40 V at the resonance."""
 
@@ -251,7 +245,7 @@ def fall_silent(rig: Rig) -> None:
 
 def send_setpoints(rig: Rig) -> None:
     """Send set-points in each cycle, and set a deadline for them at the stimulator."""
-    timer = rig.od.entry(RPDO_COMMUNICATION + _SETPOINT_RPDO - 1, PDO_EVENT)
+    timer = rig.od.entry(cia.RPDO_COMMUNICATION + _SETPOINT_RPDO - 1, cia.PDO_EVENT)
     rig.master.write(STIMULATOR_ID, timer, SETPOINT_DEADLINE_MS)
     rig.each_cycle.append(_SETPOINT_PDO)
 
@@ -278,7 +272,7 @@ def fill_queue(rig: Rig) -> None:
 
 def boot_again(rig: Rig) -> None:
     """Send a boot-up message of the master."""
-    rig.master.send(Frame(HEARTBEAT_ID + MASTER_ID, bytes(1)))
+    rig.master.send(Frame(cia.HEARTBEAT_ID + MASTER_ID, bytes(1)))
 
 
 def hear_plate(rig: Rig) -> None:
@@ -473,8 +467,8 @@ NOT_SEEN: Final = (
 well, or because the vibration does not show them."""
 
 
-MEASUREMENTS: Final = tuple(base + PLATE_ID for base in TPDO_IDS[:3])
-DRIVE: Final = RPDO_IDS[0] + PLATE_ID
+MEASUREMENTS: Final = tuple(base + PLATE_ID for base in cia.TPDO_IDS[:3])
+DRIVE: Final = cia.RPDO_IDS[0] + PLATE_ID
 AT_ONCE: Final = 1
 """Bound of faults that are acted on in the cycle in which they are detected."""
 PDO_DEADLINE_MS: Final = SHORT_DEADLINE_MS
@@ -584,7 +578,7 @@ CASES: Final[tuple[FaultCase, ...]] = (
               put("heartbeat", False), put("heartbeat", True), REGULATED,
               plate_inside=True),
     FaultCase("heartbeat of the plate lost", PLATE_LOST_MS, Watchdog.HEARTBEAT,
-              disturb(FrameFault.LOSS, HEARTBEAT_ID + PLATE_ID), hear_plate, REGULATED,
+              disturb(FrameFault.LOSS, cia.HEARTBEAT_ID + PLATE_ID), hear_plate, REGULATED,
               prepare=hear_plate),
     FaultCase("master boots again", AT_ONCE, Watchdog.HEARTBEAT, boot_again, nothing),
     FaultCase("measurements lost", PDO_DEADLINE_MS, Watchdog.MEASUREMENT,
@@ -612,11 +606,11 @@ CASES: Final[tuple[FaultCase, ...]] = (
     FaultCase("plate without a serial number", AT_ONCE, Watchdog.CALIBRATION,
               another_plate(0), another_plate(1)),
     FaultCase("another node speaks as the stimulator", AT_ONCE, Watchdog.DOUBLE,
-              speak_as(HEARTBEAT_ID + STIMULATOR_ID), fall_silent),
+              speak_as(cia.HEARTBEAT_ID + STIMULATOR_ID), fall_silent),
     FaultCase("another node speaks as the stimulator, plate inside", AT_ONCE, Watchdog.DOUBLE,
-              speak_as(HEARTBEAT_ID + STIMULATOR_ID), fall_silent, plate_inside=True),
+              speak_as(cia.HEARTBEAT_ID + STIMULATOR_ID), fall_silent, plate_inside=True),
     FaultCase("another node speaks as the plate", AT_ONCE, Watchdog.DOUBLE,
-              speak_as(HEARTBEAT_ID + PLATE_ID), fall_silent),
+              speak_as(cia.HEARTBEAT_ID + PLATE_ID), fall_silent),
     FaultCase("another node sends drives", AT_ONCE, Watchdog.DOUBLE,
               speak_as(DRIVE), fall_silent),
     *(case for number in (1, 2) for case in _sensor(

@@ -17,25 +17,8 @@ from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.device.nmt import NMTState
 from smarttac_can.canopen.master import requests
 from smarttac_can.canopen.master.errors import HeartbeatLostError
-from smarttac_can.canopen.od.cia import (
-    DEVICE_TYPE,
-    EMCY_ID,
-    ERROR_FIELD,
-    EXPEDITED_BYTES,
-    FRAME_BYTES,
-    HEARTBEAT_ID,
-    LAST_NODE_ID,
-    MANUFACTURER_FIRST,
-    NMT_ID,
-    RPDO_IDS,
-    SDO_RX_ID,
-    SDO_TX_ID,
-    SYNC_ID,
-    TPDO_IDS,
-    Abort,
-    AbortCode,
-    NMTCommand,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import Abort, AbortCode, NMTCommand
 from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.vocabulary.states import Control, Law, Mode, State, VibrationLaw
 from smarttac_can.vocabulary.watchdogs import Watchdog, watchdogs_in
@@ -150,14 +133,16 @@ class GoodMaster:
             (node_id, entry, raw) for node_id, entry, raw in self._settings if entry.read() != raw
         ]
         self.repairs += len(wrong)
-        for node_id in {node_id for node_id, entry, _ in wrong if entry.index < MANUFACTURER_FIRST}:
+        for node_id in {
+            node_id for node_id, entry, _ in wrong if entry.index < cia.MANUFACTURER_FIRST
+        }:
             rig.nmt(NMTCommand.RESET_COMMUNICATION, node_id)
         if any(node.device.nmt_state is not NMTState.OPERATIONAL for _, node in self._nodes):
             rig.nmt(NMTCommand.START)
             rig.configure()
         refused: Abort | None = None
         for node_id, entry, raw in wrong:
-            if entry.index >= MANUFACTURER_FIRST:
+            if entry.index >= cia.MANUFACTURER_FIRST:
                 try:
                     rig.master.write(node_id, entry, raw)
                 except Abort as abort:
@@ -173,8 +158,8 @@ def _is_setting(entry: Entry) -> bool:
     named = entry.name.partition(".")[0] in _NO_SETTING
     return (
         entry.access == "rw"
-        and 0 < entry.size <= EXPEDITED_BYTES
-        and entry.index != ERROR_FIELD
+        and 0 < entry.size <= cia.EXPEDITED_BYTES
+        and entry.index != cia.ERROR_FIELD
         and entry.name not in _DRAWN
         and not named
     )
@@ -203,12 +188,16 @@ OWN: Final = "identifier of the pair"
 
 _PAIR: Final = (STIMULATOR_ID, PLATE_ID)
 _OWN_IDS: Final = (
-    *(base + node for base in (EMCY_ID, *TPDO_IDS, SDO_TX_ID, HEARTBEAT_ID) for node in _PAIR),
-    RPDO_IDS[0] + PLATE_ID,
+    *(
+        base + node
+        for base in (cia.EMCY_ID, *cia.TPDO_IDS, cia.SDO_TX_ID, cia.HEARTBEAT_ID)
+        for node in _PAIR
+    ),
+    cia.RPDO_IDS[0] + PLATE_ID,
 )
-_COMMAND_IDS: Final = (NMT_ID, RPDO_IDS[0] + STIMULATOR_ID)
-_SDO_IDS: Final = tuple(SDO_RX_ID + node for node in _PAIR)
-_SETPOINT_IDS: Final = tuple(base + STIMULATOR_ID for base in RPDO_IDS[1:])
+_COMMAND_IDS: Final = (cia.NMT_ID, cia.RPDO_IDS[0] + STIMULATOR_ID)
+_SDO_IDS: Final = tuple(cia.SDO_RX_ID + node for node in _PAIR)
+_SETPOINT_IDS: Final = tuple(base + STIMULATOR_ID for base in cia.RPDO_IDS[1:])
 _SPARED: Final = ("Simulation", "Fault", "Controlword")
 """Records that SDO does not write; controlwords are sent as commands."""
 _LAST_ID: Final = 0x7FF
@@ -246,7 +235,7 @@ class HostileNode:
         self._writable = [
             (node, entry)
             for node, entry in self._entries
-            if entry.writable and 0 < entry.size <= EXPEDITED_BYTES and not _spared(entry)
+            if entry.writable and 0 < entry.size <= cia.EXPEDITED_BYTES and not _spared(entry)
         ]
         spared = {entry.index for _, entry in self._entries if _spared(entry)}
         self._spared = {index.to_bytes(2, "little") for index in spared}
@@ -259,9 +248,9 @@ class HostileNode:
             "garbage": self._garbage,
             "extended identifier": self._extended,
             "remote frame": lambda: Frame(self._draw.randrange(_LAST_ID + 1), rtr=True),
-            "heartbeat": lambda: Frame(self._of_others(HEARTBEAT_ID), self._bytes(1)),
-            "EMCY": lambda: Frame(self._of_others(EMCY_ID), self._bytes(FRAME_BYTES)),
-            "SYNC": lambda: Frame(SYNC_ID, self._bytes(self._draw.randrange(2))),
+            "heartbeat": lambda: Frame(self._of_others(cia.HEARTBEAT_ID), self._bytes(1)),
+            "EMCY": lambda: Frame(self._of_others(cia.EMCY_ID), self._bytes(cia.FRAME_BYTES)),
+            "SYNC": lambda: Frame(cia.SYNC_ID, self._bytes(self._draw.randrange(2))),
             "NMT or controlword": self._command,
             OWN: lambda: Frame(self._draw.choice(_OWN_IDS), self._bytes()),
         }
@@ -282,19 +271,19 @@ class HostileNode:
 
     def _bytes(self, length: int | None = None) -> bytes:
         return self._draw.randbytes(
-            self._draw.randint(0, FRAME_BYTES) if length is None else length
+            self._draw.randint(0, cia.FRAME_BYTES) if length is None else length
         )
 
     def _of_others(self, base: int) -> int:
-        node = self._draw.choice([n for n in range(1, LAST_NODE_ID + 1) if n not in _PAIR])
+        node = self._draw.choice([n for n in range(1, cia.LAST_NODE_ID + 1) if n not in _PAIR])
         return base + node
 
     def _pdo(self) -> Frame:
-        return Frame(self._of_others(self._draw.choice(TPDO_IDS + RPDO_IDS)), self._bytes())
+        return Frame(self._of_others(self._draw.choice(cia.TPDO_IDS + cia.RPDO_IDS)), self._bytes())
 
     def _garbage(self) -> Frame:
-        can_id = SYNC_ID
-        while can_id in (*_OWN_IDS, *_COMMAND_IDS, *_SDO_IDS, SYNC_ID):
+        can_id = cia.SYNC_ID
+        while can_id in (*_OWN_IDS, *_COMMAND_IDS, *_SDO_IDS, cia.SYNC_ID):
             can_id = self._draw.randrange(_LAST_ID + 1)
         return Frame(can_id, self._bytes())
 
@@ -329,9 +318,11 @@ class HostileNode:
         """Return an invalid request, or one that does not continue a transfer."""
         draw = self._draw
         can_id = draw.choice(_SDO_IDS)
-        length = draw.choice((FRAME_BYTES, FRAME_BYTES, FRAME_BYTES, draw.randrange(FRAME_BYTES)))
+        length = draw.choice(
+            (cia.FRAME_BYTES, cia.FRAME_BYTES, cia.FRAME_BYTES, draw.randrange(cia.FRAME_BYTES))
+        )
         data = self._bytes(length)
-        if length == FRAME_BYTES and draw.choice((False, True, True)):
+        if length == cia.FRAME_BYTES and draw.choice((False, True, True)):
             # Any command with an existing object: sizes, segments and blocks that do not fit.
             _, entry = draw.choice(self._entries)
             address = entry.index.to_bytes(2, "little") + bytes((entry.subindex,))
@@ -516,7 +507,7 @@ class Hostile:
         self._master.abort_transfers()
         for node_id, od in ((STIMULATOR_ID, rig.od), (PLATE_ID, rig.plate.od)):
             try:
-                rig.master.read(node_id, od.entry(DEVICE_TYPE))
+                rig.master.read(node_id, od.entry(cia.DEVICE_TYPE))
             except (Abort, HeartbeatLostError) as error:
                 self._violate(f"node {node_id} is not alive: {error}")
                 return

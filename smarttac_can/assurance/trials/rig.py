@@ -13,26 +13,8 @@ from smarttac_can.canopen.bus.local_bus import LocalBus, Wire
 from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.master import requests
 from smarttac_can.canopen.master.errors import HeartbeatLostError
-from smarttac_can.canopen.od.cia import (
-    COB_INVALID,
-    EMCY_ID,
-    EVENT_MANUFACTURER,
-    EXPEDITED_BYTES,
-    FRAME_BYTES,
-    HEARTBEAT_CONSUMER,
-    PDO_COB_ID,
-    PDO_EVENT,
-    PDO_TRANSMISSION,
-    RPDO_COMMUNICATION,
-    RPDO_IDS,
-    SYNC_COUNTER,
-    SYNC_COUNTER_LAST,
-    SYNC_ID,
-    SYNC_PERIOD,
-    TPDO_COMMUNICATION,
-    Abort,
-    NMTCommand,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import Abort, NMTCommand
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.host.faulty_bus import FaultyBus
@@ -55,7 +37,7 @@ PLATE_HEARTBEAT_MS: Final = 500
 """Heartbeat period in ms of the plate, as in its EDS."""
 PLATE_LOST_MS: Final = 2000
 """Consumer heartbeat time in ms for the plate, the default of the stimulator."""
-_STAGE: Final = TPDO_COMMUNICATION + 3
+_STAGE: Final = cia.TPDO_COMMUNICATION + 3
 """TPDO 4, with the power stage of the plate node or of the plate inside."""
 TARE_CYCLES: Final = TARE_SAMPLES + 6
 """Cycles without a finger that suffice for the tare, even if some are lost."""
@@ -101,7 +83,7 @@ class LocalMaster:
     def sync(self) -> list[Frame]:
         """Send SYNC, with the next count if it has a counter; return the frames that follow."""
         if self.sync_counter:
-            self.sync_counter = self.sync_counter % SYNC_COUNTER_LAST + 1
+            self.sync_counter = self.sync_counter % cia.SYNC_COUNTER_LAST + 1
         return self.send(requests.sync(self.sync_counter))
 
     def read(self, node_id: int, entry: Entry) -> Any:
@@ -204,7 +186,7 @@ class Rig:
         self.each_cycle: list[Frame] = []
         self.unsteady: Callable[[], None] | None = None
         self.hardware: StageHardware | None = None
-        self._emcy_ids = (EMCY_ID + STIMULATOR_ID, EMCY_ID + PLATE_ID)
+        self._emcy_ids = (cia.EMCY_ID + STIMULATOR_ID, cia.EMCY_ID + PLATE_ID)
         self.master = LocalMaster(self.bus, self._hear)
         if plate_inside:
             self.plate_block = PlateBlock(plate_od(), finger)
@@ -261,7 +243,7 @@ class Rig:
 
     def configure(self) -> None:
         """Enable the supervision of the master's heartbeat, as after every reset of a node."""
-        watch = self.od.entry(HEARTBEAT_CONSUMER, 1)
+        watch = self.od.entry(cia.HEARTBEAT_CONSUMER, 1)
         self.master.write(STIMULATOR_ID, watch, MASTER_ID << 16 | MASTER_LOST_MS)
 
     def start(self) -> None:
@@ -307,12 +289,12 @@ class Rig:
     def count_syncs(self) -> None:
         """Enable the SYNC counter at the master and at both nodes."""
         for node_id, od in self._dictionaries():
-            period = od.entry(SYNC_PERIOD)
+            period = od.entry(cia.SYNC_PERIOD)
             before = int(period.value)
             self.master.write(node_id, period, 0)
-            self.master.write(node_id, od.entry(SYNC_COUNTER), SYNC_COUNTER_LAST)
+            self.master.write(node_id, od.entry(cia.SYNC_COUNTER), cia.SYNC_COUNTER_LAST)
             self.master.write(node_id, period, before)
-        self.master.sync_counter = SYNC_COUNTER_LAST
+        self.master.sync_counter = cia.SYNC_COUNTER_LAST
 
     def _dictionaries(self) -> list[tuple[int, ObjectDictionary]]:
         nodes = [(STIMULATOR_ID, self.od)]
@@ -330,28 +312,28 @@ class Rig:
 
     def _hear(self, frame: Frame) -> None:
         can_id = frame.can_id
-        if can_id in self._emcy_ids and len(frame.data) == FRAME_BYTES:
+        if can_id in self._emcy_ids and len(frame.data) == cia.FRAME_BYTES:
             code = int.from_bytes(frame.data[:2], "little")
-            self.emergencies.append(Emcy(self.cycles, can_id - EMCY_ID, code, frame.data[2]))
+            self.emergencies.append(Emcy(self.cycles, can_id - cia.EMCY_ID, code, frame.data[2]))
 
 
 def _logged_plate_od() -> ObjectDictionary:
     """Load the EDS of the plate, with TPDO 4 enabled by default."""
     od = plate_od()
-    cob_id = od.entry(_STAGE, PDO_COB_ID)
-    cob_id.default = cob_id.value = cob_id.default & ~COB_INVALID
+    cob_id = od.entry(_STAGE, cia.PDO_COB_ID)
+    cob_id.default = cob_id.value = cob_id.default & ~cia.COB_INVALID
     return od
 
 
 def _logged_stimulator_od() -> ObjectDictionary:
     """Load the EDS of the stimulator, with TPDO 4 sent in every cycle by default."""
     od = stimulator_od()
-    transmission = od.entry(_STAGE, PDO_TRANSMISSION)
-    transmission.default = transmission.value = EVENT_MANUFACTURER
+    transmission = od.entry(_STAGE, cia.PDO_TRANSMISSION)
+    transmission.default = transmission.value = cia.EVENT_MANUFACTURER
     return od
 
 
-_CAN_ID = RPDO_IDS[HARDWARE_RPDO - 1] + PLATE_ID
+_CAN_ID = cia.RPDO_IDS[HARDWARE_RPDO - 1] + PLATE_ID
 
 
 class StageHardware:
@@ -377,13 +359,13 @@ class StageHardware:
         self.excess = 0
         self.speaks = True
         self._stage = rig.stage
-        parameters = rig.plate.od.objects[RPDO_COMMUNICATION + HARDWARE_RPDO - 1].entries
-        rig.master.write(PLATE_ID, parameters[PDO_EVENT], SHORT_DEADLINE_MS)
-        rig.master.write(PLATE_ID, parameters[PDO_COB_ID], _CAN_ID)
+        parameters = rig.plate.od.objects[cia.RPDO_COMMUNICATION + HARDWARE_RPDO - 1].entries
+        rig.master.write(PLATE_ID, parameters[cia.PDO_EVENT], SHORT_DEADLINE_MS)
+        rig.master.write(PLATE_ID, parameters[cia.PDO_COB_ID], _CAN_ID)
         self._port = rig.bus.connect(self._hear)
 
     def _hear(self, frame: Frame) -> None:
-        if frame.can_id == SYNC_ID and self.speaks:
+        if frame.can_id == cia.SYNC_ID and self.speaks:
             reading = int(self._stage.read()) + self.excess
             self._port.send(Frame(_CAN_ID, pack("<BH", self.enable, reading)))
 
@@ -419,7 +401,7 @@ class MasterTraffic:
         od = rig.od
         self._setpoints = [entry for entry in od if entry.name.startswith("Setpoint.")]
         self._readable = [
-            entry for entry in od if entry.readable and 0 < entry.size <= EXPEDITED_BYTES
+            entry for entry in od if entry.readable and 0 < entry.size <= cia.EXPEDITED_BYTES
         ]
 
     def send(self) -> None:

@@ -10,19 +10,8 @@ from smarttac_can.bench.link import PUBLIC, PublishedPdo, published_pdos
 from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.device.nmt import STATES, NMTState, state_text
 from smarttac_can.canopen.master import requests
-from smarttac_can.canopen.od.cia import (
-    CAN_ID_MASK,
-    COB_INVALID,
-    EMCY_COB_ID,
-    HEARTBEAT_ID,
-    PDO_COB_ID,
-    PDO_COUNT,
-    SDO_RX_ID,
-    SDO_TX_ID,
-    TPDO_COMMUNICATION,
-    TPDO_MAPPING,
-    Abort,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import Abort
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.canopen.od.timing import frame_seconds
@@ -378,12 +367,12 @@ class HeardNode:
 
     def __init__(self, od: ObjectDictionary, name: str) -> None:
         self.node_id, self.name = od.node_id, name
-        self.emergency_id = od.number(EMCY_COB_ID) & CAN_ID_MASK
+        self.emergency_id = od.number(cia.EMCY_COB_ID) & cia.CAN_ID_MASK
         cob_ids = [
-            od.number(TPDO_COMMUNICATION + offset, PDO_COB_ID, COB_INVALID)
-            for offset in range(PDO_COUNT)
+            od.number(cia.TPDO_COMMUNICATION + offset, cia.PDO_COB_ID, cia.COB_INVALID)
+            for offset in range(cia.PDO_COUNT)
         ]
-        self._pdo_ids = {cob & CAN_ID_MASK for cob in cob_ids if not cob & COB_INVALID}
+        self._pdo_ids = {cob & cia.CAN_ID_MASK for cob in cob_ids if not cob & cia.COB_INVALID}
         self._nmt: int | None = None
         self._heard: float | None = None
         self.rested: float | None = None
@@ -391,7 +380,7 @@ class HeardNode:
     def take(self, now: float, frame: Frame) -> bool:
         """Handle any frame of the bus; return whether it is the boot-up message of this node."""
         can_id = frame.can_id
-        if can_id == HEARTBEAT_ID + self.node_id and frame.data and not frame.rtr:
+        if can_id == cia.HEARTBEAT_ID + self.node_id and frame.data and not frame.rtr:
             self._heard, self._nmt = now, frame.data[0] & 0x7F
             if self._nmt != NMTState.OPERATIONAL:
                 self.rested = now
@@ -399,7 +388,7 @@ class HeardNode:
         if can_id in self._pdo_ids:
             # Only OPERATIONAL nodes send PDOs; the next heartbeat may be 1 s away.
             self._heard, self._nmt = now, NMTState.OPERATIONAL
-        elif can_id in (self.emergency_id, SDO_TX_ID + self.node_id):
+        elif can_id in (self.emergency_id, cia.SDO_TX_ID + self.node_id):
             self._heard = now
         return False
 
@@ -413,9 +402,9 @@ class HeardNode:
 def mapping_entries(od: ObjectDictionary) -> Iterator[Entry]:
     """Yield the entries of the mapping of the public TPDOs."""
     for number in PUBLIC:
-        yield od.entry(TPDO_COMMUNICATION + number - 1, PDO_COB_ID)
+        yield od.entry(cia.TPDO_COMMUNICATION + number - 1, cia.PDO_COB_ID)
         for place in _PLACES:
-            yield od.entry(TPDO_MAPPING + number - 1, place)
+            yield od.entry(cia.TPDO_MAPPING + number - 1, place)
 
 
 class PublishedValues:
@@ -532,7 +521,7 @@ class SdoReader:
 
     def take(self, now: float, frame: Frame) -> bool:
         """Handle any frame, also a request of another client; return whether it is an answer."""
-        if frame.can_id == SDO_RX_ID + self._node_id:
+        if frame.can_id == cia.SDO_RX_ID + self._node_id:
             self._next = now + YIELD_S
             return False
         if self._asked is None or not requests.answers(frame, self._asked[1]):

@@ -12,22 +12,14 @@ from canopen import lss
 from canopen.lss import LssError
 
 from smarttac_can.canopen.master.errors import NodeNotFoundError, RefusedError
-from smarttac_can.canopen.od.cia import (
-    BOOT_UP,
-    DEVICE_TYPE,
-    HEARTBEAT_ID,
-    LAST_NODE_ID,
-    NMT_ID,
-    SDO_RX_ID,
-    SDO_TX_ID,
-    NMTCommand,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import NMTCommand
 
 _FASTSCAN_S: Final = 0.1
 """Time in s without an answer that counts as no; half of the 132 questions of fastscan get none."""
 _MOST_UNCONFIGURED: Final = 127
 _POLL_S: Final = 0.01
-ASKS_DEVICE_TYPE: Final = bytes((0x40, DEVICE_TYPE & 0xFF, DEVICE_TYPE >> 8, 0, 0, 0, 0, 0))
+ASKS_DEVICE_TYPE: Final = bytes((0x40, cia.DEVICE_TYPE & 0xFF, cia.DEVICE_TYPE >> 8, 0, 0, 0, 0, 0))
 """SDO request that reads an object that every device has."""
 
 
@@ -116,19 +108,21 @@ def assign_node_id(
             present = master.inquire_node_id()
         if not force and present != node_id:
             _require_unused(network, node_id, timeout)
-        network.subscribe(HEARTBEAT_ID + node_id, lambda _id, data, _at: booted.append(bytes(data)))
+        network.subscribe(
+            cia.HEARTBEAT_ID + node_id, lambda _id, data, _at: booted.append(bytes(data))
+        )
         with _refusals(f"take node-ID {node_id}"):
             master.configure_node_id(node_id)
         if store:
             with _refusals("store it"):
                 master.store_configuration()
-    previous = present if 1 <= present <= LAST_NODE_ID else None
+    previous = present if 1 <= present <= cia.LAST_NODE_ID else None
     if previous is not None:
         # A device that has already started accepts another node-ID only by a reset.
-        network.send_message(NMT_ID, [NMTCommand.RESET_COMMUNICATION, previous])
-    wait_until(lambda: BOOT_UP in booted, timeout)
-    network.unsubscribe(HEARTBEAT_ID + node_id)
-    return Assigned(identity, previous, BOOT_UP in booted)
+        network.send_message(cia.NMT_ID, [NMTCommand.RESET_COMMUNICATION, previous])
+    wait_until(lambda: cia.BOOT_UP in booted, timeout)
+    network.unsubscribe(cia.HEARTBEAT_ID + node_id)
+    return Assigned(identity, previous, cia.BOOT_UP in booted)
 
 
 def _require_unused(network: canopen.Network, node_id: int, timeout: float) -> None:
@@ -138,13 +132,13 @@ def _require_unused(network: canopen.Network, node_id: int, timeout: float) -> N
     def hear(can_id: int, _data: bytearray, _timestamp: float) -> None:
         heard.append(can_id)
 
-    listened = (HEARTBEAT_ID + node_id, SDO_TX_ID + node_id)
+    listened = (cia.HEARTBEAT_ID + node_id, cia.SDO_TX_ID + node_id)
     for can_id in listened:
         network.subscribe(can_id, hear)
     try:
-        network.send_message(SDO_RX_ID + node_id, ASKS_DEVICE_TYPE)
+        network.send_message(cia.SDO_RX_ID + node_id, ASKS_DEVICE_TYPE)
         # A stopped device does not answer SDO, and may send no heartbeat.
-        network.send_message(HEARTBEAT_ID + node_id, b"", remote=True)
+        network.send_message(cia.HEARTBEAT_ID + node_id, b"", remote=True)
         wait_until(lambda: bool(heard), timeout)
     finally:
         for can_id in listened:

@@ -20,14 +20,7 @@ from smarttac_can.canopen.commissioning.node_ids import (
 from smarttac_can.canopen.device.nmt import UNKNOWN, state_text
 from smarttac_can.canopen.master.errors import BenchError
 from smarttac_can.canopen.master.sdo_client import SharedSdoClient
-from smarttac_can.canopen.od.cia import (
-    DEVICE_NAME,
-    HEARTBEAT_ID,
-    HEARTBEAT_PRODUCER,
-    IDENTITY,
-    SDO_RX_ID,
-    SDO_TX_ID,
-)
+from smarttac_can.canopen.od import cia
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 
 UNCONFIGURED: Final = "unconfigured"
@@ -77,19 +70,19 @@ def scan(
     def hear(can_id: int, data: bytearray, _timestamp: float) -> None:
         if len(data) == 1:
             # The top bit is the toggle bit of node guarding.
-            states[can_id - HEARTBEAT_ID] = state_text(data[0] & 0x7F)
+            states[can_id - cia.HEARTBEAT_ID] = state_text(data[0] & 0x7F)
 
     answers: Counter[int] = Counter()
 
     def count(can_id: int, _data: bytearray, _timestamp: float) -> None:
-        answers[can_id - SDO_TX_ID] += 1
+        answers[can_id - cia.SDO_TX_ID] += 1
 
     for node_id in _NODE_IDS:
-        network.subscribe(HEARTBEAT_ID + node_id, hear)
-        network.subscribe(SDO_TX_ID + node_id, count)
+        network.subscribe(cia.HEARTBEAT_ID + node_id, hear)
+        network.subscribe(cia.SDO_TX_ID + node_id, count)
     network.scanner.reset()
     for node_id in _NODE_IDS:
-        _send(network, SDO_RX_ID + node_id, ASKS_DEVICE_TYPE)
+        _send(network, cia.SDO_RX_ID + node_id, ASKS_DEVICE_TYPE)
     sleep(timeout)
     # One request gets one answer per device.
     doubled = {node_id for node_id, number in answers.items() if number > 1}
@@ -116,7 +109,7 @@ def matching_eds(identity: Identity, eds_files: Iterable[tuple[str, ObjectDictio
     """
     second = ""
     for name, od in eds_files:
-        vendor, product, revision = (od.number(IDENTITY, subindex) for subindex in (1, 2, 3))
+        vendor, product, revision = (od.number(cia.IDENTITY, subindex) for subindex in (1, 2, 3))
         if (vendor, product) == (identity.vendor, identity.product):
             if revision == identity.revision:
                 return name
@@ -134,12 +127,12 @@ def _ask(
         except SdoError:
             return b""
 
-    vendor = read(IDENTITY, 1)
+    vendor = read(cia.IDENTITY, 1)
     if not vendor:
         return FoundDevice(node_id, UNKNOWN, "", None, "")
-    rest = (read(IDENTITY, subindex) for subindex in (2, 3, 4))
+    rest = (read(cia.IDENTITY, subindex) for subindex in (2, 3, 4))
     identity = Identity(*(int.from_bytes(data, "little") for data in (vendor, *rest)))
-    name = read(DEVICE_NAME).decode("latin-1").strip("\0 ")
+    name = read(cia.DEVICE_NAME).decode("latin-1").strip("\0 ")
     return FoundDevice(node_id, UNKNOWN, name, identity, matching_eds(identity, eds_files.items()))
 
 
@@ -154,11 +147,11 @@ def _wait_for_state(
     if node_id in states:
         return
     try:
-        period = int.from_bytes(client.upload(HEARTBEAT_PRODUCER, 0), "little")
+        period = int.from_bytes(client.upload(cia.HEARTBEAT_PRODUCER, 0), "little")
     except SdoError:
         period = 0
     if not period:
-        _send(network, HEARTBEAT_ID + node_id, b"", remote=True)
+        _send(network, cia.HEARTBEAT_ID + node_id, b"", remote=True)
     wait_until(lambda: node_id in states, _HEARTBEATS_WAITED * period * 1e-3 if period else timeout)
 
 

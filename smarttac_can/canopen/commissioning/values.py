@@ -11,49 +11,20 @@ from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from smarttac_can.canopen.device.service import settable
 from smarttac_can.canopen.master.errors import NodeNotFoundError, WrongDeviceError
-from smarttac_can.canopen.od.cia import (
-    COB_INVALID,
-    COB_SYNC_PRODUCER,
-    COB_TIME_CONSUMER,
-    COB_TIME_PRODUCER,
-    COMMUNICATION_LAST,
-    EMCY_COB_ID,
-    ERROR_FIELD,
-    HEARTBEAT_CONSUMER,
-    IDENTITY,
-    LAST_SUBINDEX,
-    MOST_MAPPED,
-    PDO_COB_ID,
-    PDO_COUNT,
-    RESTORE_DEFAULTS,
-    RPDO_COMMUNICATION,
-    RPDO_MAPPING,
-    SDO_CLIENT_LAST,
-    SDO_SERVER_FIRST,
-    STORE_EDS,
-    STORE_FORMAT,
-    STORE_PARAMETERS,
-    SYNC_COB_ID,
-    SYNC_COUNTER,
-    SYNC_PERIOD,
-    SYNC_WINDOW,
-    TIME_COB_ID,
-    TPDO_COMMUNICATION,
-    TPDO_MAPPING,
-    VERIFY_CONFIGURATION,
-    Abort,
-    AbortCode,
-    DataType,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import Abort, AbortCode, DataType
 from smarttac_can.canopen.od.data_types import pack, unpack
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.eds import Sections, parse_integer
 from smarttac_can.canopen.od.eds_check import Finding
 from smarttac_can.canopen.od.entry import Entry
 
-_PDOS: Final = ((RPDO_COMMUNICATION, RPDO_MAPPING), (TPDO_COMMUNICATION, TPDO_MAPPING))
-_SYNC: Final = (SYNC_COB_ID, SYNC_PERIOD, SYNC_WINDOW, SYNC_COUNTER)
-_COMMANDS: Final = (ERROR_FIELD, STORE_PARAMETERS, RESTORE_DEFAULTS)
+_PDOS: Final = (
+    (cia.RPDO_COMMUNICATION, cia.RPDO_MAPPING),
+    (cia.TPDO_COMMUNICATION, cia.TPDO_MAPPING),
+)
+_SYNC: Final = (cia.SYNC_COB_ID, cia.SYNC_PERIOD, cia.SYNC_WINDOW, cia.SYNC_COUNTER)
+_COMMANDS: Final = (cia.ERROR_FIELD, cia.STORE_PARAMETERS, cia.RESTORE_DEFAULTS)
 _COB_IDS: Final = (1, 2)
 """Sub-indices of the COB-IDs of an SDO server or client."""
 _IDENTITY: Final = {
@@ -180,9 +151,9 @@ def compare_identity(
         Vendor-ID or product code differ, unless `any_device`.
     """
     for subindex, (name, telling) in _IDENTITY.items():
-        stated = od.number(IDENTITY, subindex)
+        stated = od.number(cia.IDENTITY, subindex)
         try:
-            found = int.from_bytes(client.upload(IDENTITY, subindex), "little")
+            found = int.from_bytes(client.upload(cia.IDENTITY, subindex), "little")
         except SdoAbortedError:
             continue
         except SdoCommunicationError:
@@ -194,7 +165,7 @@ def compare_identity(
             raise WrongDeviceError(
                 f"node {od.node_id} is another device, and nothing is written: {text}"
             )
-        yield Finding(f"{IDENTITY:04x}sub{subindex}", text, error=False)
+        yield Finding(f"{cia.IDENTITY:04x}sub{subindex}", text, error=False)
 
 
 class ReadValues(NamedTuple):
@@ -252,13 +223,13 @@ def read_values(
             reason = f"the device reads as no {entry.data_type.name}: {error}"
             unread.append(Finding(_section(entry, sections), reason))
     try:
-        serial = int.from_bytes(client.upload(IDENTITY, 4), "little")
+        serial = int.from_bytes(client.upload(cia.IDENTITY, 4), "little")
     except SdoAbortedError:
         serial = 0
     mapped = {
         (value >> 16, value >> 8 & 0xFF)
         for entry, value in values.items()
-        if 0 <= entry.index - RPDO_MAPPING < PDO_COUNT and entry.subindex
+        if 0 <= entry.index - cia.RPDO_MAPPING < cia.PDO_COUNT and entry.subindex
     }
     kept = {
         entry: value
@@ -311,9 +282,9 @@ def read_device_eds(network: canopen.Network, node_id: int, timeout: float) -> b
     """
     client = _client(network, ObjectDictionary(node_id, []), timeout)
     try:
-        data = bytes(client.upload(STORE_EDS, 0))
+        data = bytes(client.upload(cia.STORE_EDS, 0))
         with suppress(SdoAbortedError):
-            if (kind := int.from_bytes(client.upload(STORE_FORMAT, 0), "little")) != 0:
+            if (kind := int.from_bytes(client.upload(cia.STORE_FORMAT, 0), "little")) != 0:
                 text = f"node {node_id} has its EDS in the format {kind} (1022h), not as a text"
                 raise WrongDeviceError(text)
     except SdoAbortedError as error:
@@ -326,7 +297,7 @@ def read_device_eds(network: canopen.Network, node_id: int, timeout: float) -> b
 
 def _in_dcf(entry: Entry) -> bool:
     """Whether a value in a DCF is written to a device; see `stated_values`."""
-    default_sdo = entry.index == SDO_SERVER_FIRST and entry.subindex in _COB_IDS
+    default_sdo = entry.index == cia.SDO_SERVER_FIRST and entry.subindex in _COB_IDS
     return entry.writable and entry.index not in _COMMANDS and not default_sdo
 
 
@@ -387,14 +358,14 @@ class _Writer:
         pdos: dict[int, list[Entry]] = {}
         last: list[Entry] = []
         for entry in values:
-            if entry.index == VERIFY_CONFIGURATION:
+            if entry.index == cia.VERIFY_CONFIGURATION:
                 last.append(entry)  # a write of anything else would make it invalid
             elif (pdo := _communication_record(entry.index)) is not None:
                 pdos.setdefault(pdo, []).append(entry)
             else:
-                objects.setdefault(SYNC_COB_ID if entry.index in _SYNC else entry.index, []).append(
-                    entry
-                )
+                objects.setdefault(
+                    cia.SYNC_COB_ID if entry.index in _SYNC else entry.index, []
+                ).append(entry)
         for index, entries in objects.items():
             self._write_object(index, entries)
         for communication, entries in pdos.items():
@@ -404,50 +375,52 @@ class _Writer:
 
     def _write_object(self, index: int, entries: list[Entry]) -> None:
         """Write the entries of one object, or of all those of SYNC."""
-        if index == SYNC_COB_ID:
+        if index == cia.SYNC_COB_ID:
             self._write_sync({entry.index: entry for entry in entries})
             return
-        if index == EMCY_COB_ID:
-            self._write(entries[0], entries[0].default | COB_INVALID)
-        elif index == TIME_COB_ID:
-            self._write(entries[0], entries[0].default & ~(COB_TIME_CONSUMER | COB_TIME_PRODUCER))
-        elif index == HEARTBEAT_CONSUMER:
+        if index == cia.EMCY_COB_ID:
+            self._write(entries[0], entries[0].default | cia.COB_INVALID)
+        elif index == cia.TIME_COB_ID:
+            self._write(
+                entries[0], entries[0].default & ~(cia.COB_TIME_CONSUMER | cia.COB_TIME_PRODUCER)
+            )
+        elif index == cia.HEARTBEAT_CONSUMER:
             for entry in entries:  # so that no two of them supervise the same node meanwhile
                 if entry.subindex:
                     self._write(entry, 0)
-        elif SDO_SERVER_FIRST < index <= SDO_CLIENT_LAST:
+        elif cia.SDO_SERVER_FIRST < index <= cia.SDO_CLIENT_LAST:
             for entry in entries:
                 if entry.subindex in _COB_IDS:
-                    self._write(entry, entry.default | COB_INVALID)
+                    self._write(entry, entry.default | cia.COB_INVALID)
         # COB-IDs come last: from then on the object is in use.
-        late = SDO_SERVER_FIRST < index <= SDO_CLIENT_LAST
+        late = cia.SDO_SERVER_FIRST < index <= cia.SDO_CLIENT_LAST
         for entry in sorted(entries, key=lambda entry: late and entry.subindex in _COB_IDS):
             self._write(entry)
 
     def _write_sync(self, stated: dict[int, Entry]) -> None:
         """Write SYNC: the CAN-ID while it produces none, the counter while it has no period."""
-        cob_id, period = stated.get(SYNC_COB_ID), stated.get(SYNC_PERIOD)
-        counter = stated.get(SYNC_COUNTER)
+        cob_id, period = stated.get(cia.SYNC_COB_ID), stated.get(cia.SYNC_PERIOD)
+        counter = stated.get(cia.SYNC_COUNTER)
         if cob_id is not None:
-            self._write(cob_id, cob_id.default & ~COB_SYNC_PRODUCER)
-        present = period or self._od.get(SYNC_PERIOD)
+            self._write(cob_id, cob_id.default & ~cia.COB_SYNC_PRODUCER)
+        present = period or self._od.get(cia.SYNC_PERIOD)
         if counter is not None and present is not None:
             if period is None:
                 present.default = self._present(present)
             if self._write(present, 0):
                 period = present
-        for entry in (stated.get(SYNC_WINDOW), counter, period, cob_id):
+        for entry in (stated.get(cia.SYNC_WINDOW), counter, period, cob_id):
             if entry is not None:
                 self._write(entry)
 
     def _write_pdo(self, communication: int, entries: list[Entry]) -> None:
         """Write a PDO by 7.5.2.36: invalid, no objects, objects, their number, and valid."""
-        mapping = communication + RPDO_MAPPING - RPDO_COMMUNICATION
-        cob_id, count = self._od.get(communication, PDO_COB_ID), self._od.get(mapping, 0)
+        mapping = communication + cia.RPDO_MAPPING - cia.RPDO_COMMUNICATION
+        cob_id, count = self._od.get(communication, cia.PDO_COB_ID), self._od.get(mapping, 0)
         if cob_id is not None and cob_id not in entries:
             cob_id.default = self._present(cob_id)
-        if cob_id is not None and cob_id.default != cob_id.default | COB_INVALID:
-            self._write(cob_id, cob_id.default | COB_INVALID)
+        if cob_id is not None and cob_id.default != cob_id.default | cia.COB_INVALID:
+            self._write(cob_id, cob_id.default | cia.COB_INVALID)
         mapped = [entry for entry in entries if entry.index == mapping]
         whole = not mapped or self._write_mapping(mapping, count, mapped)
         for entry in entries:
@@ -464,7 +437,7 @@ class _Writer:
             written = [self._write(entry) for entry in stated]
             return all(written)
         self._write(count, 0)
-        number = count.default if count.default <= MOST_MAPPED else LAST_SUBINDEX
+        number = count.default if count.default <= cia.MOST_MAPPED else cia.LAST_SUBINDEX
         objects = (self._od.get(mapping, position) for position in range(1, number + 1))
         written = [self._write(entry) for entry in objects if entry is not None]
         return all(written) and self._write(count)
@@ -504,7 +477,7 @@ def _communication_record(index: int) -> int | None:
     """Return the index of the communication record of a PDO's object, None for another object."""
     for communication, mapping in _PDOS:
         for first in (communication, mapping):
-            if 0 <= index - first < PDO_COUNT:
+            if 0 <= index - first < cia.PDO_COUNT:
                 return index - first + communication
     return None
 
@@ -543,7 +516,7 @@ def _flags(entry: Entry, sections: Sections) -> int:
 
 
 def _is_process_data(entry: Entry) -> bool:
-    return entry.pdo or (entry.access == "ro" and entry.index > COMMUNICATION_LAST)
+    return entry.pdo or (entry.access == "ro" and entry.index > cia.COMMUNICATION_LAST)
 
 
 def _section(entry: Entry, sections: Sections) -> str:

@@ -21,23 +21,8 @@ from smarttac_can.canopen.device.sdo import SDOServer
 from smarttac_can.canopen.device.service import Access, Application, Service
 from smarttac_can.canopen.device.storage import Memory, ParameterStorage, Storage
 from smarttac_can.canopen.device.sync import Sync, TimeStamp
-from smarttac_can.canopen.od.cia import (
-    COMMUNICATION_FIRST,
-    COMMUNICATION_LAST,
-    EMCY_VENDOR_BYTES,
-    HEARTBEAT_ID,
-    LAST_INDEX,
-    LAST_NODE_ID,
-    NMT_ID,
-    NMT_STARTUP,
-    SDO_SERVER_FIRST,
-    SDO_SERVER_LAST,
-    STORE_EDS,
-    UNCONFIGURED,
-    DataType,
-    EmergencyCode,
-    ErrorRegister,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import DataType, EmergencyCode, ErrorRegister
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import Entry
 
@@ -161,8 +146,10 @@ class Device:
         loop_rpdos: tuple[int, ...] = (),
         emergencies_of: int = 0,
     ) -> None:
-        if node_id is not None and not (1 <= node_id <= LAST_NODE_ID or node_id == UNCONFIGURED):
-            raise ValueError(f"node_id {node_id} is outside 1..127 and not {UNCONFIGURED}")
+        if node_id is not None and not (
+            1 <= node_id <= cia.LAST_NODE_ID or node_id == cia.UNCONFIGURED
+        ):
+            raise ValueError(f"node_id {node_id} is outside 1..127 and not {cia.UNCONFIGURED}")
         self.od = od
         application = application or Application()
         self._application = application
@@ -175,14 +162,14 @@ class Device:
         self._storage = ParameterStorage(port, od, emergency, storage or Memory(), application)
         self._lss = LSS(port, od, self._storage, self._reset_node)
         self._time_stamp = TimeStamp(port, od)
-        if (eds := od.get(STORE_EDS)) is not None and eds.data_type == DataType.DOMAIN:
+        if (eds := od.get(cia.STORE_EDS)) is not None and eds.data_type == DataType.DOMAIN:
             eds.default = eds.value = od.text.encode("latin-1", "replace")
         self._heartbeat = heartbeat = HeartbeatProducer(port, od)
         self._collision = Collision(port, od, application, lambda: self._services)
         self._error_behaviour = ErrorBehaviour(port, od, self._enter)
         self._pdos = pdos = ProcessData(port, od, emergency, application, loop_tpdos, loop_rpdos)
         self._access = access = Access(od, application, self._take_parameters)
-        servers = [i for i in od.objects if SDO_SERVER_FIRST < i <= SDO_SERVER_LAST]
+        servers = [i for i in od.objects if cia.SDO_SERVER_FIRST < i <= cia.SDO_SERVER_LAST]
         losses = Losses(emergency, application, self._error_behaviour.react)
         self._watches = HeartbeatConsumer(port, od, application, losses)
         self._guarding = Guarding(port, od, losses)
@@ -200,7 +187,7 @@ class Device:
             EmergencyConsumer(port, od, application, emergencies_of),
             self._guarding,
             pdos.sync,
-            *(SDOServer(port, od, index, access) for index in (SDO_SERVER_FIRST, *servers)),
+            *(SDOServer(port, od, index, access) for index in (cia.SDO_SERVER_FIRST, *servers)),
             *pdos.rpdos.values(),
             *pdos.tpdos.values(),
         )
@@ -250,7 +237,7 @@ class Device:
     def start(self) -> list[Frame]:
         """Power on."""
         self._storage.load()
-        fixed = self._node_id not in (None, UNCONFIGURED)
+        fixed = self._node_id not in (None, cia.UNCONFIGURED)
         default = self.od.node_id if self._node_id is None else self._node_id
         self._lss.load(default if fixed else self._storage.image.node_id or default)
         self._reset_node()
@@ -361,7 +348,7 @@ class Device:
             raise ValueError(f"code {code} is outside 1..65535")
         if register not in _REGISTERS:
             raise ValueError(f"register {register} is outside 0..255")
-        if len(vendor) > EMCY_VENDOR_BYTES:
+        if len(vendor) > cia.EMCY_VENDOR_BYTES:
             raise ValueError(f"vendor of {len(vendor)} bytes is outside 0..5")
         self._emergency.report(code, register, vendor)
 
@@ -414,11 +401,13 @@ class Device:
         for service in self._services:
             service.enter(state)
         self._lss.node_id = self._lss.pending
-        if self._lss.node_id == UNCONFIGURED:
+        if self._lss.node_id == cia.UNCONFIGURED:
             self._enter(NMTState.INITIALISING)
             return
         self.od.renumber(self._lss.node_id)
-        first, last = (0, LAST_INDEX) if power_on else (COMMUNICATION_FIRST, COMMUNICATION_LAST)
+        first, last = (
+            (0, cia.LAST_INDEX) if power_on else (cia.COMMUNICATION_FIRST, cia.COMMUNICATION_LAST)
+        )
         self.od.reset(first, last)
         self._storage.restore(first, last)
         if power_on:
@@ -432,7 +421,7 @@ class Device:
         self._heartbeat.boot_up()
         self._storage.report()
         self._enter(NMTState.PRE_OPERATIONAL)
-        startup = self.od.number(NMT_STARTUP, absent=_NO_AUTOSTART)
+        startup = self.od.number(cia.NMT_STARTUP, absent=_NO_AUTOSTART)
         if power_on and (self._autostart or not startup & _NO_AUTOSTART):
             self._enter(NMTState.OPERATIONAL)
 
@@ -445,13 +434,13 @@ class Device:
         self._register([service for service in self._services if service.alive])
         self._pdos.follow_parameters()
         sync, emcy = self.sync.can_id, self._emergency.can_id
-        urgent = (sync, emcy, HEARTBEAT_ID + self.od.node_id, *self._pdos.loop_ids)
+        urgent = (sync, emcy, cia.HEARTBEAT_ID + self.od.node_id, *self._pdos.loop_ids)
         sent = frozenset(can_id for service in self._services for can_id in service.sends)
         self.ids = Identifiers(heard, frozenset(urgent), emcy, sent, sync)
 
     def _register(self, services: Iterable[Service]) -> None:
         self._port.listeners.clear()
-        self._port.listen(NMT_ID, self._on_nmt)
+        self._port.listen(cia.NMT_ID, self._on_nmt)
         for service in services:
             service.listen()
 

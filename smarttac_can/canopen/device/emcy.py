@@ -9,21 +9,8 @@ from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.device.nmt import ALL_STATES, CONFIGURABLE, NMTState
 from smarttac_can.canopen.device.port import Port
 from smarttac_can.canopen.device.service import Application, Service, check_cob_id, usable
-from smarttac_can.canopen.od.cia import (
-    CAN_ID_MASK,
-    COB_INVALID,
-    EMCY_COB_ID,
-    EMCY_ID,
-    EMCY_INHIBIT,
-    ERROR_BEHAVIOUR,
-    ERROR_FIELD,
-    ERROR_REGISTER,
-    FRAME_BYTES,
-    Abort,
-    AbortCode,
-    EmergencyCode,
-    ErrorRegister,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import Abort, AbortCode, EmergencyCode, ErrorRegister
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import Entry
 
@@ -37,14 +24,14 @@ class Emergency(Service):
     states: ClassVar = CONFIGURABLE
 
     def __init__(self, port: Port, od: ObjectDictionary) -> None:
-        super().__init__(port, od, (ERROR_FIELD, EMCY_COB_ID, EMCY_INHIBIT))
+        super().__init__(port, od, (cia.ERROR_FIELD, cia.EMCY_COB_ID, cia.EMCY_INHIBIT))
         self._active: dict[tuple[int, int], int] = {}
         self._queue: list[bytes] = []
         self._inhibit = port.clock.timer(self._send_next)
         self._inhibit_time = 0
-        self._cob_id = COB_INVALID
-        self._register = od.get(ERROR_REGISTER)
-        field = od.objects.get(ERROR_FIELD)
+        self._cob_id = cia.COB_INVALID
+        self._register = od.get(cia.ERROR_REGISTER)
+        field = od.objects.get(cia.ERROR_FIELD)
         members = {} if field is None else field.entries
         self._count = members.get(0)
         self._history = [entry for subindex, entry in sorted(members.items()) if subindex]
@@ -102,14 +89,14 @@ class Emergency(Service):
 
     def check(self, entry: Entry, value: Any) -> None:
         """Refuse any value but 0 for the history, and another CAN-ID while EMCY is valid."""
-        if entry.index == ERROR_FIELD and value != 0:
+        if entry.index == cia.ERROR_FIELD and value != 0:
             raise Abort(AbortCode.VALUE)
-        if entry.index == EMCY_COB_ID:
+        if entry.index == cia.EMCY_COB_ID:
             check_cob_id(entry, value)
 
     def apply(self, entry: Entry) -> None:
         """Clear the history, or apply the new COB-ID or inhibit time; active errors stay."""
-        if entry.index == ERROR_FIELD:
+        if entry.index == cia.ERROR_FIELD:
             for place in self._history:
                 place.value = 0
         else:
@@ -134,17 +121,17 @@ class Emergency(Service):
     @property
     def can_id(self) -> int:
         """CAN-ID of the emergency messages."""
-        return self._cob_id & CAN_ID_MASK
+        return self._cob_id & cia.CAN_ID_MASK
 
     @property
     def sends(self) -> tuple[int, ...]:
         """CAN-ID of the emergency messages, if they are enabled."""
-        return () if self._cob_id & COB_INVALID else (self.can_id,)
+        return () if self._cob_id & cia.COB_INVALID else (self.can_id,)
 
     def _read_parameters(self) -> None:
-        cob_id = self.od.number(EMCY_COB_ID, absent=COB_INVALID)
-        self._cob_id = cob_id if usable(cob_id) else COB_INVALID
-        self._inhibit_time = 100 * self.od.number(EMCY_INHIBIT)
+        cob_id = self.od.number(cia.EMCY_COB_ID, absent=cia.COB_INVALID)
+        self._cob_id = cob_id if usable(cob_id) else cia.COB_INVALID
+        self._inhibit_time = 100 * self.od.number(cia.EMCY_INHIBIT)
 
     def _update_register(self) -> int:
         register = 0
@@ -165,8 +152,8 @@ class Emergency(Service):
         if not self._queue:
             return
         data = self._queue.pop(0)
-        if not self._cob_id & COB_INVALID:
-            self.port.out.append(Frame(self._cob_id & CAN_ID_MASK, data))
+        if not self._cob_id & cia.COB_INVALID:
+            self.port.out.append(Frame(self._cob_id & cia.CAN_ID_MASK, data))
         if self._inhibit_time:
             self._inhibit.start(self._inhibit_time)
         elif self._queue:
@@ -194,10 +181,10 @@ class EmergencyConsumer(Service):
     def listen(self) -> None:
         """Listen to the EMCY identifier of the node, if there is one."""
         if self._node_id:
-            self.port.listen(EMCY_ID + self._node_id, self._receive)
+            self.port.listen(cia.EMCY_ID + self._node_id, self._receive)
 
     def _receive(self, frame: Frame) -> None:
-        if len(frame.data) == FRAME_BYTES and not frame.rtr:
+        if len(frame.data) == cia.FRAME_BYTES and not frame.rtr:
             self._application.on_emergency(int.from_bytes(frame.data[:2], "little"))
 
 
@@ -221,7 +208,7 @@ class ErrorBehaviour(Service):
     def __init__(
         self, port: Port, od: ObjectDictionary, enter_state: Callable[[NMTState], None]
     ) -> None:
-        super().__init__(port, od, (ERROR_BEHAVIOUR,))
+        super().__init__(port, od, (cia.ERROR_BEHAVIOUR,))
         self._enter_state = enter_state
 
     def check(self, entry: Entry, value: Any) -> None:
@@ -234,7 +221,7 @@ class ErrorBehaviour(Service):
 
     def react(self) -> None:
         """React to a communication error; without the object it ends OPERATIONAL."""
-        behaviour = self.od.number(ERROR_BEHAVIOUR, _COMMUNICATION, _PRE_OPERATIONAL)
+        behaviour = self.od.number(cia.ERROR_BEHAVIOUR, _COMMUNICATION, _PRE_OPERATIONAL)
         if behaviour == _PRE_OPERATIONAL and self.state is NMTState.OPERATIONAL:
             self._enter_state(NMTState.PRE_OPERATIONAL)
         elif behaviour == _STOPPED and self.alive and self.state is not NMTState.STOPPED:

@@ -10,19 +10,8 @@ from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.device.nmt import ALL_STATES
 from smarttac_can.canopen.device.port import Port
 from smarttac_can.canopen.device.service import Application, Service
-from smarttac_can.canopen.od.cia import (
-    BOOT_UP,
-    GUARD_TIME,
-    HEARTBEAT_CONSUMER,
-    HEARTBEAT_ID,
-    HEARTBEAT_PRODUCER,
-    LAST_NODE_ID,
-    LIFE_TIME_FACTOR,
-    Abort,
-    AbortCode,
-    EmergencyCode,
-    ErrorRegister,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import Abort, AbortCode, EmergencyCode, ErrorRegister
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import Entry
 
@@ -32,7 +21,7 @@ _STATE: Final = 0x7F
 def supervised_node(watch: int) -> int:
     """Return the node-ID that an entry of the heartbeat consumer supervises, 0 for none."""
     node_id, time = watch >> 16 & 0xFF, watch & 0xFFFF
-    return node_id if time and node_id <= LAST_NODE_ID else 0
+    return node_id if time and node_id <= cia.LAST_NODE_ID else 0
 
 
 class HeartbeatProducer(Service):
@@ -45,18 +34,18 @@ class HeartbeatProducer(Service):
     begins_anew: ClassVar = True
 
     def __init__(self, port: Port, od: ObjectDictionary) -> None:
-        super().__init__(port, od, (HEARTBEAT_PRODUCER,))
+        super().__init__(port, od, (cia.HEARTBEAT_PRODUCER,))
         self._timer = port.clock.timer(self._send)
         self._period = 0
 
     @property
     def sends(self) -> tuple[int, ...]:
         """CAN-ID of error control, which node guarding also uses."""
-        return (HEARTBEAT_ID + self.od.node_id,)
+        return (cia.HEARTBEAT_ID + self.od.node_id,)
 
     def boot_up(self) -> None:
         """Send the boot-up message, a heartbeat with the value 0."""
-        self.port.out.append(Frame(HEARTBEAT_ID + self.od.node_id, BOOT_UP))
+        self.port.out.append(Frame(cia.HEARTBEAT_ID + self.od.node_id, cia.BOOT_UP))
 
     def timer_frame(self) -> Frame | None:
         """Return the next heartbeat with the present state; None without a producer time."""
@@ -70,7 +59,7 @@ class HeartbeatProducer(Service):
 
     def configure(self) -> None:
         """Read the producer time in ms; 0 disables the heartbeat."""
-        self._period = 1000 * self.od.number(HEARTBEAT_PRODUCER)
+        self._period = 1000 * self.od.number(cia.HEARTBEAT_PRODUCER)
 
     def begin(self) -> None:
         """Send a heartbeat every producer time from now on."""
@@ -85,7 +74,7 @@ class HeartbeatProducer(Service):
         self.port.out.append(self._made())
 
     def _made(self) -> Frame:
-        return Frame(HEARTBEAT_ID + self.od.node_id, bytes((self.state,)))
+        return Frame(cia.HEARTBEAT_ID + self.od.node_id, bytes((self.state,)))
 
 
 class Losses:
@@ -174,10 +163,10 @@ class HeartbeatConsumer(Service):
     def __init__(
         self, port: Port, od: ObjectDictionary, application: Application, losses: Losses
     ) -> None:
-        super().__init__(port, od, (HEARTBEAT_CONSUMER,))
+        super().__init__(port, od, (cia.HEARTBEAT_CONSUMER,))
         self._application = application
         self._losses = losses
-        watched = od.objects.get(HEARTBEAT_CONSUMER)
+        watched = od.objects.get(cia.HEARTBEAT_CONSUMER)
         entries = [] if watched is None else [e for s, e in watched.entries.items() if s]
         self._monitors = {e.subindex: Monitor(port, losses.report, self._heard) for e in entries}
         self.timers = [monitor.timer for monitor in self._monitors.values()]
@@ -201,7 +190,7 @@ class HeartbeatConsumer(Service):
         others = [m for s, m in self._monitors.items() if s != entry.subindex and m.period]
         if (
             period
-            and 1 <= node_id <= LAST_NODE_ID
+            and 1 <= node_id <= cia.LAST_NODE_ID
             and node_id in [other.node_id for other in others]
         ):
             raise Abort(AbortCode.PARAMETER)
@@ -223,7 +212,7 @@ class HeartbeatConsumer(Service):
     def configure(self) -> None:
         """Read which nodes to supervise."""
         for subindex, monitor in self._monitors.items():
-            monitor.parameter = self.od.entry(HEARTBEAT_CONSUMER, subindex).value
+            monitor.parameter = self.od.entry(cia.HEARTBEAT_CONSUMER, subindex).value
 
     def cease(self) -> None:
         """Stop all supervision; each restarts with the next heartbeat of its node."""
@@ -233,8 +222,8 @@ class HeartbeatConsumer(Service):
     def listen(self) -> None:
         """Listen to the heartbeats of the supervised nodes."""
         for monitor in self._monitors.values():
-            if monitor.period and 1 <= monitor.node_id <= LAST_NODE_ID:
-                self.port.listen(HEARTBEAT_ID + monitor.node_id, monitor.receive)
+            if monitor.period and 1 <= monitor.node_id <= cia.LAST_NODE_ID:
+                self.port.listen(cia.HEARTBEAT_ID + monitor.node_id, monitor.receive)
 
     def _heard(self, node_id: int, state: int) -> None:
         self._losses.clear(node_id)
@@ -260,7 +249,7 @@ class Guarding(Service):
     states: ClassVar = ALL_STATES
 
     def __init__(self, port: Port, od: ObjectDictionary, losses: Losses) -> None:
-        super().__init__(port, od, (GUARD_TIME, LIFE_TIME_FACTOR, HEARTBEAT_PRODUCER))
+        super().__init__(port, od, (cia.GUARD_TIME, cia.LIFE_TIME_FACTOR, cia.HEARTBEAT_PRODUCER))
         self._losses = losses
         self.timer = port.clock.timer(lambda: losses.report(_LIFE_GUARDING))
         self._toggle = 0
@@ -270,9 +259,9 @@ class Guarding(Service):
     def configure(self) -> None:
         """Read the parameters; the guard time is in ms."""
         number = self.od.number
-        supported = GUARD_TIME in self.od.objects and LIFE_TIME_FACTOR in self.od.objects
-        self._active = supported and not number(HEARTBEAT_PRODUCER)
-        self._life_time = 1000 * number(GUARD_TIME) * number(LIFE_TIME_FACTOR)
+        supported = cia.GUARD_TIME in self.od.objects and cia.LIFE_TIME_FACTOR in self.od.objects
+        self._active = supported and not number(cia.HEARTBEAT_PRODUCER)
+        self._life_time = 1000 * number(cia.GUARD_TIME) * number(cia.LIFE_TIME_FACTOR)
         self._toggle = 0
 
     def apply(self, entry: Entry) -> None:
@@ -291,7 +280,7 @@ class Guarding(Service):
     def listen(self) -> None:
         """Listen to remote frames that request the NMT state, unless the heartbeat is enabled."""
         if self._active:
-            self.port.listen(HEARTBEAT_ID + self.od.node_id, self.receive)
+            self.port.listen(cia.HEARTBEAT_ID + self.od.node_id, self.receive)
 
     def receive(self, frame: Frame) -> None:
         """Answer a remote frame with state and toggle bit, and restart the life time."""

@@ -10,15 +10,8 @@ from smarttac_can.canopen.device.nmt import NMTState
 from smarttac_can.canopen.device.port import Port
 from smarttac_can.canopen.device.service import Service
 from smarttac_can.canopen.device.storage import UNCHANGED, ParameterStorage
-from smarttac_can.canopen.od.cia import (
-    FRAME_BYTES,
-    IDENTITY,
-    LAST_NODE_ID,
-    LSS_MASTER_ID,
-    LSS_SLAVE_ID,
-    UNCONFIGURED,
-    Abort,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import Abort
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 
 BIT_RATES: Final = {0: 1000, 1: 800, 2: 500, 3: 250, 4: 125, 6: 50, 7: 20, 8: 10}
@@ -115,7 +108,7 @@ class LSS(Service):
         self.supported = od.info.get("lss_supported", "0") not in ("0", "")
         self.node_id = self.pending = od.node_id
         self._bit_timing = UNCHANGED
-        self._identity = tuple(od.number(IDENTITY, subindex) for subindex in range(1, 5))
+        self._identity = tuple(od.number(cia.IDENTITY, subindex) for subindex in range(1, 5))
         self._rates = {
             index
             for index, rate in BIT_RATES.items()
@@ -139,12 +132,12 @@ class LSS(Service):
     def listen(self) -> None:
         """Listen to the LSS master, if the EDS states that the device supports LSS."""
         if self.supported:
-            self.port.listen(LSS_MASTER_ID, self.receive)
+            self.port.listen(cia.LSS_MASTER_ID, self.receive)
 
     def receive(self, frame: Frame) -> None:
         """Take a command; an unknown command is not answered."""
         data = frame.data
-        if len(data) != FRAME_BYTES or frame.rtr:
+        if len(data) != cia.FRAME_BYTES or frame.rtr:
             return
         command = data[0]
         number = int.from_bytes(data[1:5], "little")
@@ -155,7 +148,7 @@ class LSS(Service):
         elif command in IDENTIFY:
             self._identify(command - IDENTIFY.start, number)
         elif command == IDENTIFY_UNCONFIGURED:
-            if self.node_id == self.pending == UNCONFIGURED:
+            if self.node_id == self.pending == cia.UNCONFIGURED:
                 self._answer(UNCONFIGURED_IDENTIFIED)
         elif command == FASTSCAN:
             self._fastscan(number, *data[5:8])
@@ -164,7 +157,7 @@ class LSS(Service):
 
     def _configure(self, command: int, data: bytes) -> None:
         if command == CONFIGURE_NODE_ID:
-            valid = 1 <= data[1] <= LAST_NODE_ID or data[1] == UNCONFIGURED
+            valid = 1 <= data[1] <= cia.LAST_NODE_ID or data[1] == cia.UNCONFIGURED
             if valid:
                 self.pending = data[1]
             self._answer(command, 0 if valid else _OUT_OF_RANGE)
@@ -194,7 +187,7 @@ class LSS(Service):
             return
         self._configuring = bool(mode)
         self._selected = 0
-        if not mode and self.node_id == UNCONFIGURED != self.pending:
+        if not mode and self.node_id == cia.UNCONFIGURED != self.pending:
             self._on_configured()
 
     def _select(self, part: int, number: int) -> None:
@@ -223,7 +216,7 @@ class LSS(Service):
 
     def _fastscan(self, number: int, bit: int, part: int, following: int) -> None:
         """Answer if this part of the identity equals ``number`` from ``bit`` upwards."""
-        if self._configuring or not self.node_id == self.pending == UNCONFIGURED:
+        if self._configuring or not self.node_id == self.pending == cia.UNCONFIGURED:
             return
         if bit == _FASTSCAN_START:
             self._scanned = 0
@@ -239,4 +232,4 @@ class LSS(Service):
         self._answer(IDENTIFIED)
 
     def _answer(self, *data: int) -> None:
-        self.port.out.append(Frame(LSS_SLAVE_ID, bytes(data).ljust(8, b"\0")))
+        self.port.out.append(Frame(cia.LSS_SLAVE_ID, bytes(data).ljust(8, b"\0")))

@@ -11,30 +11,8 @@ from smarttac_can.canopen.device.nmt import OPERATIONAL_ONLY
 from smarttac_can.canopen.device.port import Port
 from smarttac_can.canopen.device.service import Application, Service, check_cob_id, settable, usable
 from smarttac_can.canopen.device.sync import Sync
-from smarttac_can.canopen.od.cia import (
-    ACYCLIC,
-    CAN_ID_MASK,
-    COB_INVALID,
-    COB_NO_RTR,
-    CYCLIC_LAST,
-    EVENT_MANUFACTURER,
-    EVENT_PROFILE,
-    PDO_COB_ID,
-    PDO_COUNT,
-    PDO_EVENT,
-    PDO_INHIBIT,
-    PDO_SYNC_START,
-    PDO_TRANSMISSION,
-    RPDO_COMMUNICATION,
-    RPDO_MAPPING,
-    RTR_SYNC,
-    TPDO_COMMUNICATION,
-    TPDO_MAPPING,
-    Abort,
-    AbortCode,
-    EmergencyCode,
-    ErrorRegister,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import Abort, AbortCode, EmergencyCode, ErrorRegister
 from smarttac_can.canopen.od.data_types import bounds
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import Entry
@@ -67,7 +45,7 @@ class PDO(Service):
         self.number = number
         self.valid = False
         self.transmission = 0
-        self.cob_id = COB_INVALID
+        self.cob_id = cia.COB_INVALID
         self.can_id = 0
         self.event_time = 0
         self.mapping: Mapping | None = None
@@ -76,43 +54,49 @@ class PDO(Service):
     def numbers(cls, od: ObjectDictionary) -> list[int]:
         """Return the numbers of the PDOs in the EDS."""
         return [
-            number + 1 for number in range(PDO_COUNT)
-            if od.get(cls.records[0] + number, PDO_COB_ID) and cls.records[1] + number in od.objects
-        ]  # fmt: skip
+            number + 1
+            for number in range(cia.PDO_COUNT)
+            if od.get(cls.records[0] + number, cia.PDO_COB_ID)
+            and cls.records[1] + number in od.objects
+        ]
 
     def check(self, entry: Entry, value: Any) -> None:
         """Refuse reserved values, and changes that the standard forbids while the PDO is valid."""
         communication, mapping = self.objects
-        cob_id = self.od.entry(communication, PDO_COB_ID)
-        in_use = self.valid and settable(cob_id, cob_id.value | COB_INVALID)
+        cob_id = self.od.entry(communication, cia.PDO_COB_ID)
+        in_use = self.valid and settable(cob_id, cob_id.value | cia.COB_INVALID)
         if entry.index == mapping:
             check_mapping(self.od, entry, value, self.direction, in_use=in_use)
-        elif entry.subindex == PDO_COB_ID:
+        elif entry.subindex == cia.PDO_COB_ID:
             check_cob_id(entry, value)
-            if not value & COB_INVALID:
+            if not value & cia.COB_INVALID:
                 compile_mapping(self.od, mapping, self.direction)
-        elif entry.subindex == PDO_TRANSMISSION:
-            if CYCLIC_LAST < value < self.first_event_type:
+        elif entry.subindex == cia.PDO_TRANSMISSION:
+            if cia.CYCLIC_LAST < value < self.first_event_type:
                 raise Abort(AbortCode.VALUE)
-        elif entry.subindex in (PDO_INHIBIT, PDO_SYNC_START) and in_use and value != entry.value:
+        elif (
+            entry.subindex in (cia.PDO_INHIBIT, cia.PDO_SYNC_START)
+            and in_use
+            and value != entry.value
+        ):
             raise Abort(AbortCode.STATE)
 
     def configure(self) -> None:
         """Read both records; a PDO with an invalid mapping or CAN-ID becomes invalid."""
         communication, mapping = self.objects
-        cob_id = self.od.entry(communication, PDO_COB_ID)
+        cob_id = self.od.entry(communication, cia.PDO_COB_ID)
         try:
             self.mapping = compile_mapping(self.od, mapping, self.direction)
         except Abort:
             self.mapping = None
         self.cob_id = cob_id.value
         if self.mapping is None or not usable(self.cob_id):
-            self.cob_id |= COB_INVALID
+            self.cob_id |= cia.COB_INVALID
             cob_id.value = min(self.cob_id, int(bounds(cob_id.data_type)[1]))
-        self.can_id = self.cob_id & CAN_ID_MASK
-        self.valid = not self.cob_id & COB_INVALID
-        self.transmission = self.od.number(communication, PDO_TRANSMISSION)
-        self.event_time = 1000 * self.od.number(communication, PDO_EVENT)
+        self.can_id = self.cob_id & cia.CAN_ID_MASK
+        self.valid = not self.cob_id & cia.COB_INVALID
+        self.transmission = self.od.number(communication, cia.PDO_TRANSMISSION)
+        self.event_time = 1000 * self.od.number(communication, cia.PDO_EVENT)
 
 
 class RPDO(PDO):
@@ -138,8 +122,8 @@ class RPDO(PDO):
     """
 
     direction: ClassVar = Direction.RECEIVE
-    first_event_type: ClassVar = EVENT_MANUFACTURER
-    records: ClassVar = (RPDO_COMMUNICATION, RPDO_MAPPING)
+    first_event_type: ClassVar = cia.EVENT_MANUFACTURER
+    records: ClassVar = (cia.RPDO_COMMUNICATION, cia.RPDO_MAPPING)
 
     def __init__(
         self,
@@ -165,7 +149,7 @@ class RPDO(PDO):
     @property
     def synchronous(self) -> bool:
         """Whether the PDO takes effect at SYNC."""
-        return self.alive and self.valid and self.transmission <= CYCLIC_LAST
+        return self.alive and self.valid and self.transmission <= cia.CYCLIC_LAST
 
     def apply(self, entry: Entry) -> None:
         """Apply new parameters; a missed deadline stays missed."""
@@ -219,7 +203,7 @@ class RPDO(PDO):
                 return
         if self._faults:
             self._clear(EmergencyCode.PROTOCOL)
-        if self.transmission > CYCLIC_LAST:
+        if self.transmission > cia.CYCLIC_LAST:
             self._deliver(data)
         elif self._sync.window_open:
             self._latch = data
@@ -293,8 +277,8 @@ class TPDO(PDO):
     """
 
     direction: ClassVar = Direction.TRANSMIT
-    first_event_type: ClassVar = RTR_SYNC
-    records: ClassVar = (TPDO_COMMUNICATION, TPDO_MAPPING)
+    first_event_type: ClassVar = cia.RTR_SYNC
+    records: ClassVar = (cia.TPDO_COMMUNICATION, cia.TPDO_MAPPING)
 
     def __init__(self, port: Port, od: ObjectDictionary, number: int) -> None:
         super().__init__(port, od, number)
@@ -312,7 +296,9 @@ class TPDO(PDO):
     @property
     def synchronous(self) -> bool:
         """Whether the PDO is sent or sampled at SYNC."""
-        return self._sends and (self.transmission <= CYCLIC_LAST or self.transmission == RTR_SYNC)
+        return self._sends and (
+            self.transmission <= cia.CYCLIC_LAST or self.transmission == cia.RTR_SYNC
+        )
 
     @property
     def sends(self) -> tuple[int, ...]:
@@ -321,22 +307,22 @@ class TPDO(PDO):
 
     def timer_frame(self) -> Frame | None:
         """Return the frame that the event timer would send now; None without one."""
-        timed = self._sends and self.event_time and self.transmission >= EVENT_MANUFACTURER
+        timed = self._sends and self.event_time and self.transmission >= cia.EVENT_MANUFACTURER
         return Frame(self.can_id, self._sample()) if timed else None
 
     def configure(self) -> None:
         """Read both records, the inhibit time and the SYNC start value."""
         super().configure()
         communication, _ = self.objects
-        self._inhibit_time = 100 * self.od.number(communication, PDO_INHIBIT)
-        self._start_value = self.od.number(communication, PDO_SYNC_START)
+        self._inhibit_time = 100 * self.od.number(communication, cia.PDO_INHIBIT)
+        self._start_value = self.od.number(communication, cia.PDO_SYNC_START)
 
     def begin(self) -> None:
         """Start the event timer and the count of SYNCs, without sending yet."""
         self._sends = self.valid and self.mapping is not None and self.mapping.size > 0
         self._awaits_start = self._start_value != 0
         self._count = 0
-        if self._sends and self.event_time and self.transmission >= EVENT_MANUFACTURER:
+        if self._sends and self.event_time and self.transmission >= cia.EVENT_MANUFACTURER:
             self._event.start(self.event_time, periodic=True)
 
     def cease(self) -> None:
@@ -348,7 +334,7 @@ class TPDO(PDO):
 
     def listen(self) -> None:
         """Listen to remote frames, if the COB-ID allows them."""
-        if self._sends and not self.cob_id & COB_NO_RTR:
+        if self._sends and not self.cob_id & cia.COB_NO_RTR:
             self.port.listen(self.can_id, self._on_remote)
 
     def trigger(self) -> None:
@@ -360,11 +346,11 @@ class TPDO(PDO):
         if not self._sends or self.mapping is None:
             return
         transmission = self.transmission
-        if transmission < EVENT_MANUFACTURER:
-            self._pending = transmission == ACYCLIC
+        if transmission < cia.EVENT_MANUFACTURER:
+            self._pending = transmission == cia.ACYCLIC
             return
         data = self.mapping.sample()
-        if transmission == EVENT_PROFILE and data == self._last:
+        if transmission == cia.EVENT_PROFILE and data == self._last:
             return
         if self._inhibit_time and self._inhibit.running:
             self._pending = True
@@ -382,12 +368,12 @@ class TPDO(PDO):
             Counter of the SYNC; 0 if it carries none, the start value is then ignored.
         """
         transmission = self.transmission
-        if transmission == ACYCLIC:
+        if transmission == cia.ACYCLIC:
             if self._pending:
                 self._pending = False
                 self._send(self._sample())
             return
-        if transmission == RTR_SYNC:
+        if transmission == cia.RTR_SYNC:
             self._sampled = self._sample()
             return
         if self._awaits_start and counter:
@@ -415,14 +401,14 @@ class TPDO(PDO):
             self._send(self._sample())
 
     def _on_inhibit_end(self) -> None:
-        if self._pending and self.transmission >= EVENT_MANUFACTURER:
+        if self._pending and self.transmission >= cia.EVENT_MANUFACTURER:
             self._pending = False
             self._send(self._sample())
 
     def _on_remote(self, frame: Frame) -> None:
         if not frame.rtr:
             return
-        if self.transmission == RTR_SYNC and self._sampled is not None:
+        if self.transmission == cia.RTR_SYNC and self._sampled is not None:
             self._send(self._sampled)
         else:
             self._send(self._sample())

@@ -9,18 +9,8 @@ from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.device.nmt import CONFIGURABLE
 from smarttac_can.canopen.device.port import Port
 from smarttac_can.canopen.device.service import Access, Service, check_cob_id
-from smarttac_can.canopen.od.cia import (
-    CAN_ID_MASK,
-    COB_INVALID,
-    EXPEDITED_BYTES,
-    FRAME_BYTES,
-    SDO_RX_ID,
-    SDO_SERVER_FIRST,
-    SDO_TX_ID,
-    Abort,
-    AbortCode,
-    DataType,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import Abort, AbortCode, DataType
 from smarttac_can.canopen.od.data_types import UNSIGNED
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import MAX_BYTES, Entry
@@ -425,7 +415,7 @@ class SDOServer(Service):
     def __init__(self, port: Port, od: ObjectDictionary, index: int, access: Access) -> None:
         super().__init__(port, od, (index,))
         self._access = access
-        self._rx = self._tx = COB_INVALID
+        self._rx = self._tx = cia.COB_INVALID
         self._timer = port.clock.timer(self._on_time_out)
         entry = od.find(TIME_OUT_NAME)
         self._time_out = None if entry is None or entry.data_type not in UNSIGNED else entry
@@ -457,9 +447,9 @@ class SDOServer(Service):
     def configure(self) -> None:
         """Read the CAN-IDs; the first server has those of the pre-defined connection set."""
         index = self.objects[0]
-        default = index == SDO_SERVER_FIRST
-        rx = SDO_RX_ID + self.od.node_id if default else COB_INVALID
-        tx = SDO_TX_ID + self.od.node_id if default else COB_INVALID
+        default = index == cia.SDO_SERVER_FIRST
+        rx = cia.SDO_RX_ID + self.od.node_id if default else cia.COB_INVALID
+        tx = cia.SDO_TX_ID + self.od.node_id if default else cia.COB_INVALID
         self._rx, self._tx = self._cob_id(1, rx), self._cob_id(2, tx)
 
     def _cob_id(self, subindex: int, absent: int) -> int:
@@ -468,16 +458,16 @@ class SDOServer(Service):
         if entry is None or entry.data_type is not DataType.UNSIGNED32:
             return absent
         cob_id = int(entry.read())
-        return cob_id if cob_id & CAN_ID_MASK else absent
+        return cob_id if cob_id & cia.CAN_ID_MASK else absent
 
     @property
     def _valid(self) -> bool:
-        return not (self._rx | self._tx) & COB_INVALID
+        return not (self._rx | self._tx) & cia.COB_INVALID
 
     @property
     def sends(self) -> tuple[int, ...]:
         """CAN-ID of the responses, if the server is enabled."""
-        return (self._tx & CAN_ID_MASK,) if self._valid else ()
+        return (self._tx & cia.CAN_ID_MASK,) if self._valid else ()
 
     def cease(self) -> None:
         """Drop the present transfer, without an abort."""
@@ -486,12 +476,12 @@ class SDOServer(Service):
     def listen(self) -> None:
         """Listen to the client, if the server is enabled."""
         if self._valid:
-            self.port.listen(self._rx & CAN_ID_MASK, self.receive)
+            self.port.listen(self._rx & cia.CAN_ID_MASK, self.receive)
 
     def receive(self, frame: Frame) -> None:
         """Take a request; frames of other than 8 bytes are no SDO."""
         data = frame.data
-        if len(data) != FRAME_BYTES or frame.rtr:
+        if len(data) != cia.FRAME_BYTES or frame.rtr:
             return
         tx = self._tx
         transfer = self._transfer
@@ -520,7 +510,7 @@ class SDOServer(Service):
         # Restart the time-out: the client cannot answer before the last segment, however slow the
         # bus is.
         self._wait()
-        return Frame(self._tx & CAN_ID_MASK, data)
+        return Frame(self._tx & cia.CAN_ID_MASK, data)
 
     def _initiate_download(self, request: bytes) -> bytes:
         command, index, subindex = self._address_of(request)
@@ -541,7 +531,7 @@ class SDOServer(Service):
         return self._upload(self._access.read(index, subindex), request)
 
     def _upload(self, data: bytes, request: bytes) -> bytes:
-        if 1 <= len(data) <= EXPEDITED_BYTES:
+        if 1 <= len(data) <= cia.EXPEDITED_BYTES:
             self._end()
             return bytes((0x43 | (4 - len(data)) << 2,)) + request[1:4] + data.ljust(4, b"\0")
         self._transfer = Upload(data)
@@ -669,4 +659,4 @@ class SDOServer(Service):
             self._send(self._abort(AbortCode.TIME_OUT, late), self._tx)
 
     def _send(self, response: bytes, tx: int) -> None:
-        self.port.out.append(Frame(tx & CAN_ID_MASK, response))
+        self.port.out.append(Frame(tx & cia.CAN_ID_MASK, response))

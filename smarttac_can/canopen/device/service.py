@@ -8,16 +8,8 @@ from typing import Any, ClassVar
 
 from smarttac_can.canopen.device.nmt import NMTState
 from smarttac_can.canopen.device.port import Port
-from smarttac_can.canopen.od.cia import (
-    CAN_ID_MASK,
-    COB_EXTENDED,
-    COB_INVALID,
-    STRUCTURE_SUBINDEX,
-    Abort,
-    AbortCode,
-    restricted,
-    standard_type,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import Abort, AbortCode, restricted, standard_type
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import MAX_BYTES, Entry
 
@@ -174,8 +166,8 @@ class Service:
 
 def usable(cob_id: int) -> bool:
     """Return whether the CAN-ID of a COB-ID has 11 bits and is not restricted."""
-    wide = COB_EXTENDED | ((COB_EXTENDED - 1) & ~CAN_ID_MASK)
-    return not (cob_id & wide or restricted(cob_id & CAN_ID_MASK))
+    wide = cia.COB_EXTENDED | ((cia.COB_EXTENDED - 1) & ~cia.CAN_ID_MASK)
+    return not (cob_id & wide or restricted(cob_id & cia.CAN_ID_MASK))
 
 
 def check_can_id(cob_id: int) -> None:
@@ -202,11 +194,11 @@ def check_cob_id(entry: Entry, new: int) -> None:
         STATE if the CAN-ID would change while the object is valid, and could be made invalid
         before; else as `check_can_id`.
     """
-    if new & COB_INVALID:
+    if new & cia.COB_INVALID:
         return
     old = entry.value
-    changed = (old ^ new) & (COB_EXTENDED | (COB_EXTENDED - 1))
-    if not old & COB_INVALID and changed and settable(entry, old | COB_INVALID):
+    changed = (old ^ new) & (cia.COB_EXTENDED | (cia.COB_EXTENDED - 1))
+    if not old & cia.COB_INVALID and changed and settable(entry, old | cia.COB_INVALID):
         raise Abort(AbortCode.STATE)
     check_can_id(new)
 
@@ -245,7 +237,7 @@ class Access:
         Abort
             NO_OBJECT, NO_SUBINDEX, WRITE_ONLY, NO_DATA.
         """
-        if subindex == STRUCTURE_SUBINDEX and (structure := self._structure(index)) is not None:
+        if subindex == cia.STRUCTURE_SUBINDEX and (structure := self._structure(index)) is not None:
             return structure.to_bytes(4, "little")
         entry = self._od.entry(index, subindex)
         if not entry.readable:
@@ -268,7 +260,7 @@ class Access:
             NO_OBJECT, NO_SUBINDEX, READ_ONLY, TOO_LONG, TOO_SHORT.
         """
         with self._reporting(index, subindex):
-            if subindex == STRUCTURE_SUBINDEX and self._structure(index) is not None:
+            if subindex == cia.STRUCTURE_SUBINDEX and self._structure(index) is not None:
                 raise Abort(AbortCode.READ_ONLY)
             entry = self._od.entry(index, subindex)
             if not entry.writable:
@@ -334,4 +326,4 @@ class Access:
     def _structure(self, index: int) -> int | None:
         """Return the content of sub-index FFh; None without the object, or if it is in the EDS."""
         item = self._od.objects.get(index)
-        return None if item is None or STRUCTURE_SUBINDEX in item.entries else item.structure
+        return None if item is None or cia.STRUCTURE_SUBINDEX in item.entries else item.structure

@@ -11,23 +11,8 @@ from smarttac_can.canopen.device.emcy import Emergency
 from smarttac_can.canopen.device.nmt import CONFIGURABLE
 from smarttac_can.canopen.device.port import Port
 from smarttac_can.canopen.device.service import Application, Service
-from smarttac_can.canopen.od.cia import (
-    COMMUNICATION_FIRST,
-    COMMUNICATION_LAST,
-    ERROR_FIELD,
-    IDENTITY,
-    LAST_INDEX,
-    MANUFACTURER_FIRST,
-    PROFILE_FIRST,
-    PROFILE_LAST,
-    RESTORE_DEFAULTS,
-    STORE_PARAMETERS,
-    VERIFY_CONFIGURATION,
-    Abort,
-    AbortCode,
-    EmergencyCode,
-    ErrorRegister,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import Abort, AbortCode, EmergencyCode, ErrorRegister
 from smarttac_can.canopen.od.data_types import pack
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import Entry
@@ -117,16 +102,16 @@ def unpack_image(identity: Identity, data: bytes) -> Image:
     return image
 
 
-_SIGNATURES: Final = {STORE_PARAMETERS: b"save", RESTORE_DEFAULTS: b"load"}
-_ALL: Final = (0, LAST_INDEX)
+_SIGNATURES: Final = {cia.STORE_PARAMETERS: b"save", cia.RESTORE_DEFAULTS: b"load"}
+_ALL: Final = (0, cia.LAST_INDEX)
 _GROUPS: Final = {
     1: _ALL,
-    2: (COMMUNICATION_FIRST, COMMUNICATION_LAST),
-    3: (PROFILE_FIRST, PROFILE_LAST),
-    4: (MANUFACTURER_FIRST, PROFILE_FIRST - 1),
+    2: (cia.COMMUNICATION_FIRST, cia.COMMUNICATION_LAST),
+    3: (cia.PROFILE_FIRST, cia.PROFILE_LAST),
+    4: (cia.MANUFACTURER_FIRST, cia.PROFILE_FIRST - 1),
 }
 """Index ranges by sub-index; higher sub-indices also mean the manufacturer's range."""
-_NOT_PARAMETERS: Final = (ERROR_FIELD, STORE_PARAMETERS, RESTORE_DEFAULTS)
+_NOT_PARAMETERS: Final = (cia.ERROR_FIELD, cia.STORE_PARAMETERS, cia.RESTORE_DEFAULTS)
 
 
 class Storage(Protocol):
@@ -193,12 +178,12 @@ class ParameterStorage(Service):
         storage: Storage,
         application: Application,
     ) -> None:
-        super().__init__(port, od, (*_SIGNATURES, VERIFY_CONFIGURATION))
+        super().__init__(port, od, (*_SIGNATURES, cia.VERIFY_CONFIGURATION))
         self._emergency = emergency
         self._storage = storage
         self._application = application
         self._identity: Identity = (
-            od.number(IDENTITY, 1), od.number(IDENTITY, 2), od.number(IDENTITY, 3),
+            od.number(cia.IDENTITY, 1), od.number(cia.IDENTITY, 2), od.number(cia.IDENTITY, 3),
         )  # fmt: skip
         self._parameters = {(e.index, e.subindex): e for e in od if _is_parameter(e)}
         self._before: dict[Entry, Any] = {}
@@ -281,17 +266,17 @@ class ParameterStorage(Service):
         Abort
             HARDWARE if the storage fails; nothing is then changed.
         """
-        if entry.index == VERIFY_CONFIGURATION:
+        if entry.index == cia.VERIFY_CONFIGURATION:
             self._is_signed = True
             return
         entry.value = entry.default
         first, last = _GROUPS.get(entry.subindex, _GROUPS[4])
         values = {a: data for a, data in self.image.values.items() if not first <= a[0] <= last}
-        if entry.index == STORE_PARAMETERS:
+        if entry.index == cia.STORE_PARAMETERS:
             values |= self._changed(first, last)
-        verify = {a: data for a, data in values.items() if a[0] == VERIFY_CONFIGURATION}
+        verify = {a: data for a, data in values.items() if a[0] == cia.VERIFY_CONFIGURATION}
         others = {a: data for a, data in values.items() if a not in verify}
-        before = {a: d for a, d in self.image.values.items() if a[0] != VERIFY_CONFIGURATION}
+        before = {a: d for a, d in self.image.values.items() if a[0] != cia.VERIFY_CONFIGURATION}
         outdated = others != before and not self._is_signed
         try:
             self._write(
@@ -302,7 +287,7 @@ class ParameterStorage(Service):
         self._is_signed = False
         if outdated:
             for (index, _), signed in self._parameters.items():
-                if index == VERIFY_CONFIGURATION:
+                if index == cia.VERIFY_CONFIGURATION:
                     signed.value = signed.default
 
     def _changed(self, first: int, last: int) -> dict[tuple[int, int], bytes]:

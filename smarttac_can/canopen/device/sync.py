@@ -10,24 +10,8 @@ from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.device.nmt import CONFIGURABLE
 from smarttac_can.canopen.device.port import Port
 from smarttac_can.canopen.device.service import Service, check_can_id, settable, usable
-from smarttac_can.canopen.od.cia import (
-    CAN_ID_MASK,
-    COB_SYNC_PRODUCER,
-    COB_TIME_CONSUMER,
-    COB_TIME_PRODUCER,
-    SYNC_COB_ID,
-    SYNC_COUNTER,
-    SYNC_COUNTER_LAST,
-    SYNC_ID,
-    SYNC_PERIOD,
-    SYNC_WINDOW,
-    TIME_COB_ID,
-    Abort,
-    AbortCode,
-    DataType,
-    EmergencyCode,
-    ErrorRegister,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import Abort, AbortCode, DataType, EmergencyCode, ErrorRegister
 from smarttac_can.canopen.od.data_types import SIZES
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import Entry
@@ -65,11 +49,13 @@ class Sync(Service):
         emergency: Emergency,
         on_sync: Callable[[], None],
     ) -> None:
-        super().__init__(port, od, (SYNC_COB_ID, SYNC_PERIOD, SYNC_COUNTER, SYNC_WINDOW))
+        super().__init__(
+            port, od, (cia.SYNC_COB_ID, cia.SYNC_PERIOD, cia.SYNC_COUNTER, cia.SYNC_WINDOW)
+        )
         self._emergency = emergency
         self._on_sync = on_sync
         self._timer = port.clock.timer(self._produce)
-        self.can_id = SYNC_ID
+        self.can_id = cia.SYNC_ID
         self.counter = 0
         self.own = False
         self._usable = True
@@ -115,35 +101,35 @@ class Sync(Service):
             STATE for another CAN-ID of a producer, or another counter while there is a period;
             VALUE for a value out of range.
         """
-        if entry.index == SYNC_COB_ID:
-            same = entry.value & CAN_ID_MASK == value & CAN_ID_MASK
-            produces = entry.value & value & COB_SYNC_PRODUCER
-            if produces and not same and settable(entry, entry.value & ~COB_SYNC_PRODUCER):
+        if entry.index == cia.SYNC_COB_ID:
+            same = entry.value & cia.CAN_ID_MASK == value & cia.CAN_ID_MASK
+            produces = entry.value & value & cia.COB_SYNC_PRODUCER
+            if produces and not same and settable(entry, entry.value & ~cia.COB_SYNC_PRODUCER):
                 raise Abort(AbortCode.STATE)
             check_can_id(value)
-        elif entry.index == SYNC_COUNTER and value != entry.value:
-            if self._period and settable(self.od.get(SYNC_PERIOD), 0):
+        elif entry.index == cia.SYNC_COUNTER and value != entry.value:
+            if self._period and settable(self.od.get(cia.SYNC_PERIOD), 0):
                 raise Abort(AbortCode.STATE)
-            if value == 1 or value > SYNC_COUNTER_LAST:
+            if value == 1 or value > cia.SYNC_COUNTER_LAST:
                 raise Abort(AbortCode.VALUE)
 
     def apply(self, entry: Entry) -> None:
         """Apply a new period or producer bit; the counter continues unless it was written."""
         self.configure()
-        if entry.index == SYNC_COUNTER:
+        if entry.index == cia.SYNC_COUNTER:
             self._counter = 0
-        if entry.index != SYNC_WINDOW:
+        if entry.index != cia.SYNC_WINDOW:
             self._start_or_stop()
 
     def configure(self) -> None:
         """Read COB-ID, period and window in us, and the overflow value of the counter."""
-        cob_id = self.od.number(SYNC_COB_ID, absent=SYNC_ID)
-        self.can_id = cob_id & CAN_ID_MASK
+        cob_id = self.od.number(cia.SYNC_COB_ID, absent=cia.SYNC_ID)
+        self.can_id = cob_id & cia.CAN_ID_MASK
         self._usable = usable(cob_id)
-        self._produces = bool(cob_id & COB_SYNC_PRODUCER) and self._usable
-        self._period = self.od.number(SYNC_PERIOD)
-        self._overflow = self.od.number(SYNC_COUNTER)
-        self._window = self.od.number(SYNC_WINDOW)
+        self._produces = bool(cob_id & cia.COB_SYNC_PRODUCER) and self._usable
+        self._period = self.od.number(cia.SYNC_PERIOD)
+        self._overflow = self.od.number(cia.SYNC_COUNTER)
+        self._window = self.od.number(cia.SYNC_WINDOW)
 
     def begin(self) -> None:
         """Reset the counter, so that it starts at 1, and start to produce SYNC if enabled."""
@@ -206,7 +192,7 @@ class TimeStamp(Service):
     states: ClassVar = CONFIGURABLE
 
     def __init__(self, port: Port, od: ObjectDictionary) -> None:
-        super().__init__(port, od, (TIME_COB_ID,))
+        super().__init__(port, od, (cia.TIME_COB_ID,))
         self._cob_id = 0
         self._received: int | None = None
         self._received_at = 0
@@ -226,22 +212,22 @@ class TimeStamp(Service):
         Abort
             STATE for another CAN-ID while in use, VALUE for an invalid COB-ID.
         """
-        same = entry.value & CAN_ID_MASK == value & CAN_ID_MASK
-        consumes = entry.value & value & COB_TIME_CONSUMER
-        if consumes and not same and settable(entry, entry.value & ~COB_TIME_CONSUMER):
+        same = entry.value & cia.CAN_ID_MASK == value & cia.CAN_ID_MASK
+        consumes = entry.value & value & cia.COB_TIME_CONSUMER
+        if consumes and not same and settable(entry, entry.value & ~cia.COB_TIME_CONSUMER):
             raise Abort(AbortCode.STATE)
-        if value & COB_TIME_PRODUCER:
+        if value & cia.COB_TIME_PRODUCER:
             raise Abort(AbortCode.VALUE)
         check_can_id(value)
 
     def configure(self) -> None:
         """Read the COB-ID; the time continues."""
-        self._cob_id = self.od.number(TIME_COB_ID)
+        self._cob_id = self.od.number(cia.TIME_COB_ID)
 
     def listen(self) -> None:
         """Listen to the CAN-ID of TIME, if the consumer bit is set."""
-        if self._cob_id & COB_TIME_CONSUMER:
-            self.port.listen(self._cob_id & CAN_ID_MASK, self.receive)
+        if self._cob_id & cia.COB_TIME_CONSUMER:
+            self.port.listen(self._cob_id & cia.CAN_ID_MASK, self.receive)
 
     def receive(self, frame: Frame) -> None:
         """Take a TIME message: ms after midnight in 28 bits, days since 1984-01-01."""

@@ -8,16 +8,8 @@ from typing import Any, Final, NamedTuple
 
 from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.device.nmt import NMTState
-from smarttac_can.canopen.od.cia import (
-    EXPEDITED_BYTES,
-    FRAME_BYTES,
-    HEARTBEAT_ID,
-    NMT_ID,
-    SDO_RX_ID,
-    SDO_TX_ID,
-    SYNC_ID,
-    Abort,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import Abort
 from smarttac_can.canopen.od.data_types import pack, unpack
 from smarttac_can.canopen.od.entry import MAX_BYTES, Entry
 
@@ -50,17 +42,17 @@ _ANSWERS: Final = {0: 1, 1: 3, 2: 2, 3: 0}
 
 def nmt(command: int, node_id: int = 0) -> Frame:
     """Return an NMT command; node 0 stands for all."""
-    return Frame(NMT_ID, bytes((command, node_id)))
+    return Frame(cia.NMT_ID, bytes((command, node_id)))
 
 
 def sync(counter: int = 0) -> Frame:
     """Return a SYNC with a counter of 1..240, or 0 for no counter."""
-    return Frame(SYNC_ID, bytes((counter,)) if counter else b"")
+    return Frame(cia.SYNC_ID, bytes((counter,)) if counter else b"")
 
 
 def heartbeat(node_id: int) -> Frame:
     """Return the heartbeat of a node that is OPERATIONAL."""
-    return Frame(HEARTBEAT_ID + node_id, bytes((NMTState.OPERATIONAL,)))
+    return Frame(cia.HEARTBEAT_ID + node_id, bytes((NMTState.OPERATIONAL,)))
 
 
 def upload(node_id: int, entry: Entry) -> Frame:
@@ -71,17 +63,20 @@ def upload(node_id: int, entry: Entry) -> Frame:
 def download(node_id: int, entry: Entry, raw: Any) -> Frame:
     """Return the SDO request that writes a raw value to an entry of 1 to 4 bytes."""
     data = pack(entry.data_type, raw)
-    return _request(node_id, _DOWNLOAD | (EXPEDITED_BYTES - len(data)) << 2, entry, data)
+    return _request(node_id, _DOWNLOAD | (cia.EXPEDITED_BYTES - len(data)) << 2, entry, data)
 
 
 def abort(node_id: int, code: int) -> Frame:
     """Return the SDO abort by a client, which ends the present transfer of the server."""
-    return Frame(SDO_RX_ID + node_id, bytes((ABORT, 0, 0, 0)) + code.to_bytes(4, "little"))
+    return Frame(cia.SDO_RX_ID + node_id, bytes((ABORT, 0, 0, 0)) + code.to_bytes(4, "little"))
 
 
 def answers(frame: Frame, request: Frame) -> bool:
     """Return whether a frame answers an SDO request; answers to segments do not name the object."""
-    if frame.can_id - SDO_TX_ID != request.can_id - SDO_RX_ID or len(frame.data) != FRAME_BYTES:
+    if (
+        frame.can_id - cia.SDO_TX_ID != request.can_id - cia.SDO_RX_ID
+        or len(frame.data) != cia.FRAME_BYTES
+    ):
         return False
     asked, answered = request.data[0] >> 5, frame.data[0] >> 5
     if asked not in _ANSWERS or answered not in (_ANSWERS[asked], ABORT >> 5):
@@ -100,19 +95,23 @@ class Written(NamedTuple):
 def written(frame: Frame, node_id: int) -> Written | None:
     """Return the download that a frame requests; None if it is none of 1 to 4 bytes."""
     data = frame.data
-    if frame.can_id != SDO_RX_ID + node_id or len(data) != FRAME_BYTES:
+    if frame.can_id != cia.SDO_RX_ID + node_id or len(data) != cia.FRAME_BYTES:
         return None
     command = data[0]
     if command >> 5 != _DOWNLOAD >> 5 or command & _EXPEDITED != _EXPEDITED:
         return None
-    size = EXPEDITED_BYTES - (command >> 2 & 3)
+    size = cia.EXPEDITED_BYTES - (command >> 2 & 3)
     return Written((data[1] | data[2] << 8, data[3]), data[4 : 4 + size])
 
 
 def asked(frame: Frame, node_id: int) -> tuple[int, int] | None:
     """Return index and sub-index that a frame requests to read from a node, or None."""
     data = frame.data
-    if frame.can_id != SDO_RX_ID + node_id or len(data) != FRAME_BYTES or data[0] >> 5 != _READS:
+    if (
+        frame.can_id != cia.SDO_RX_ID + node_id
+        or len(data) != cia.FRAME_BYTES
+        or data[0] >> 5 != _READS
+    ):
         return None
     return data[1] | data[2] << 8, data[3]
 
@@ -120,12 +119,12 @@ def asked(frame: Frame, node_id: int) -> tuple[int, int] | None:
 def downloaded(node_id: int, entry: Entry) -> Frame:
     """Return the answer of a node that confirms a download to an entry."""
     address = entry.index.to_bytes(2, "little") + bytes((entry.subindex,))
-    return Frame(SDO_TX_ID + node_id, bytes((_DOWNLOADED, *address, 0, 0, 0, 0)))
+    return Frame(cia.SDO_TX_ID + node_id, bytes((_DOWNLOADED, *address, 0, 0, 0, 0)))
 
 
 def downloading(node_id: int, entry: Entry, data: bytes) -> Iterator[Frame]:
     """Yield the frames of a segmented download of any length, requests and answers alternating."""
-    to, back = SDO_RX_ID + node_id, SDO_TX_ID + node_id
+    to, back = cia.SDO_RX_ID + node_id, cia.SDO_TX_ID + node_id
     size = len(data).to_bytes(4, "little")
     yield _request(node_id, _DOWNLOAD & ~_EXPEDITED | 1, entry, size)
     yield downloaded(node_id, entry)
@@ -176,10 +175,10 @@ class Downloads:
     def hear(self, frame: Frame) -> Written | None:
         """Handle a frame; return the download that the node has accepted with it, or None."""
         data = frame.data
-        if len(data) == FRAME_BYTES and not frame.rtr:
-            if frame.can_id == SDO_RX_ID + self._node_id:
+        if len(data) == cia.FRAME_BYTES and not frame.rtr:
+            if frame.can_id == cia.SDO_RX_ID + self._node_id:
                 self._request(frame)
-            elif frame.can_id == SDO_TX_ID + self._node_id:
+            elif frame.can_id == cia.SDO_TX_ID + self._node_id:
                 return self._answer(data)
         return None
 
@@ -231,7 +230,7 @@ class Downloads:
                 transfer.ends = True
         elif not transfer.in_block and command >> 5 == _SEGMENT_TAKEN and transfer.segments:
             segment = transfer.segments[0]
-            transfer.data += segment[1 : FRAME_BYTES - (segment[0] >> 1 & _SEGMENT)]
+            transfer.data += segment[1 : cia.FRAME_BYTES - (segment[0] >> 1 & _SEGMENT)]
             transfer.ends = bool(segment[0] & 1)
         else:
             return None
@@ -258,11 +257,12 @@ def value(answer: Frame, entry: Entry) -> Any:
         raise Abort(int.from_bytes(data, "little"))
     if command == _DOWNLOADED:
         return None
-    return unpack(entry.data_type, data[: EXPEDITED_BYTES - (command >> 2 & 3)])
+    return unpack(entry.data_type, data[: cia.EXPEDITED_BYTES - (command >> 2 & 3)])
 
 
 def _request(node_id: int, command: int, entry: Entry, data: bytes) -> Frame:
     address = entry.index.to_bytes(2, "little") + bytes((entry.subindex,))
     return Frame(
-        SDO_RX_ID + node_id, bytes((command,)) + address + data.ljust(EXPEDITED_BYTES, b"\0")
+        cia.SDO_RX_ID + node_id,
+        bytes((command,)) + address + data.ljust(cia.EXPEDITED_BYTES, b"\0"),
     )

@@ -6,15 +6,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from smarttac_can.canopen.od.cia import (
-    CAN_ID_MASK,
-    RECORD_TYPES,
-    SYNC_COB_ID,
-    SYNC_ID,
-    Abort,
-    AbortCode,
-    ObjectType,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import Abort, AbortCode, ObjectType
 from smarttac_can.canopen.od.data_types import bounds
 from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.canopen.od.units import split_name
@@ -34,7 +27,7 @@ class Object:
     def structure(self) -> int:
         """Content of sub-index FFh (CiA 301, 7.4.7.3): data type above object code."""
         if self.object_type is ObjectType.RECORD:
-            found = (data for first, last, data in RECORD_TYPES if first <= self.index <= last)
+            found = (data for first, last, data in cia.RECORD_TYPES if first <= self.index <= last)
             data_type = next(found, 0)
         else:
             # An ARRAY has the type of its elements, of which the EDS may describe only some.
@@ -153,7 +146,7 @@ class ObjectDictionary:
     @property
     def sync_id(self) -> int:
         """Present CAN-ID of SYNC."""
-        return self.number(SYNC_COB_ID, absent=SYNC_ID) & CAN_ID_MASK
+        return self.number(cia.SYNC_COB_ID, absent=cia.SYNC_ID) & cia.CAN_ID_MASK
 
     def write(self, name: str, raw: Any, ask: Callable[[Entry, Any], None]) -> None:
         """Write a raw value to an entry by its name, as an SDO download does.

@@ -5,24 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final, NamedTuple
 
-from smarttac_can.canopen.od.cia import (
-    ACYCLIC,
-    CAN_ID_MASK,
-    COB_INVALID,
-    COB_SYNC_PRODUCER,
-    CYCLIC_LAST,
-    EVENT_MANUFACTURER,
-    PDO_COB_ID,
-    PDO_COUNT,
-    PDO_EVENT,
-    PDO_INHIBIT,
-    PDO_TRANSMISSION,
-    SYNC_COB_ID,
-    SYNC_COUNTER,
-    SYNC_ID,
-    TPDO_COMMUNICATION,
-    TPDO_MAPPING,
-)
+from smarttac_can.canopen.od import cia
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 
 _LONGEST: Final = 8
@@ -98,20 +81,20 @@ def cyclic_frames(ods: Iterable[ObjectDictionary], sync_period: float) -> list[C
     if sync_period <= 0:
         raise ValueError(f"sync_period {sync_period} is not above 0")
     ods = list(ods)
-    sync_id, counter = SYNC_ID, 0
+    sync_id, counter = cia.SYNC_ID, 0
     for od in ods:
-        if od.number(SYNC_COB_ID) & COB_SYNC_PRODUCER:
-            sync_id = od.number(SYNC_COB_ID) & CAN_ID_MASK
-        counter = max(counter, od.number(SYNC_COUNTER))
+        if od.number(cia.SYNC_COB_ID) & cia.COB_SYNC_PRODUCER:
+            sync_id = od.number(cia.SYNC_COB_ID) & cia.CAN_ID_MASK
+        counter = max(counter, od.number(cia.SYNC_COUNTER))
     frames = [CyclicFrame(sync_id, 1 if counter else 0, sync_period)]
     for od in ods:
-        for offset in range(PDO_COUNT):
-            communication = TPDO_COMMUNICATION + offset
-            cob_id = od.number(communication, PDO_COB_ID, COB_INVALID)
-            size = _mapped_bytes(od, TPDO_MAPPING + offset)
-            if not cob_id & COB_INVALID and size:
+        for offset in range(cia.PDO_COUNT):
+            communication = cia.TPDO_COMMUNICATION + offset
+            cob_id = od.number(communication, cia.PDO_COB_ID, cia.COB_INVALID)
+            size = _mapped_bytes(od, cia.TPDO_MAPPING + offset)
+            if not cob_id & cia.COB_INVALID and size:
                 period = _shortest_period(od, communication, sync_period)
-                frames.append(CyclicFrame(cob_id & CAN_ID_MASK, size, period))
+                frames.append(CyclicFrame(cob_id & cia.CAN_ID_MASK, size, period))
     return sorted(frames)
 
 
@@ -131,11 +114,11 @@ def _mapped_bytes(od: ObjectDictionary, mapping: int) -> int:
 
 
 def _shortest_period(od: ObjectDictionary, communication: int, sync_period: float) -> float:
-    transmission = od.number(communication, PDO_TRANSMISSION)
-    if ACYCLIC < transmission <= CYCLIC_LAST:
+    transmission = od.number(communication, cia.PDO_TRANSMISSION)
+    if cia.ACYCLIC < transmission <= cia.CYCLIC_LAST:
         return transmission * sync_period
-    if transmission >= EVENT_MANUFACTURER:
-        inhibit = od.number(communication, PDO_INHIBIT) / 10_000
-        event = od.number(communication, PDO_EVENT) / 1000
+    if transmission >= cia.EVENT_MANUFACTURER:
+        inhibit = od.number(communication, cia.PDO_INHIBIT) / 10_000
+        event = od.number(communication, cia.PDO_EVENT) / 1000
         return inhibit or event or sync_period
     return sync_period

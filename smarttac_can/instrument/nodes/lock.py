@@ -9,23 +9,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from smarttac_can.canopen.device.error_control import supervised_node
-from smarttac_can.canopen.od.cia import (
-    EMCY_COB_ID,
-    GUARD_TIME,
-    HEARTBEAT_CONSUMER,
-    HEARTBEAT_PRODUCER,
-    LIFE_TIME_FACTOR,
-    PDO_COB_ID,
-    PDO_EVENT,
-    PDO_TRANSMISSION,
-    RPDO_COMMUNICATION,
-    RPDO_MAPPING,
-    SYNC_COB_ID,
-    SYNC_PERIOD,
-    TPDO_COMMUNICATION,
-    Abort,
-    AbortCode,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import Abort, AbortCode
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.instrument.nodes.parameters import CALIBRATION, GAUGE_ZERO, LIMIT, MODEL, NULL
@@ -87,21 +72,23 @@ class Table(NamedTuple):
 def _wiring(communication: int, pdos: Sequence[int]) -> Place:
     """Return the place of PDO communication records: all of a TPDO, COB-ID and type of an RPDO."""
     first, last = communication + pdos[0] - 1, communication + pdos[-1] - 1
-    parts = (PDO_COB_ID, PDO_TRANSMISSION) if communication == RPDO_COMMUNICATION else ()
+    parts = (
+        (cia.PDO_COB_ID, cia.PDO_TRANSMISSION) if communication == cia.RPDO_COMMUNICATION else ()
+    )
     return Place(first, last, OTHER, parts)
 
 
-_LAST_RPDO: Final = RPDO_COMMUNICATION + MEASUREMENT_RPDOS[-1] - 1
+_LAST_RPDO: Final = cia.RPDO_COMMUNICATION + MEASUREMENT_RPDOS[-1] - 1
 _LAST_PUBLIC_RPDO: Final = MEASUREMENT_RPDOS[0] - 1
 """Last RPDO with a variable mapping. The mappings of the loop's own PDOs are constant."""
-_DRIVE: Final = RPDO_COMMUNICATION + DRIVE_RPDO - 1
+_DRIVE: Final = cia.RPDO_COMMUNICATION + DRIVE_RPDO - 1
 _COMMON: Final = (
-    Place(SYNC_COB_ID, SYNC_PERIOD, OTHER),
-    Place(GUARD_TIME, LIFE_TIME_FACTOR, LONGER),
-    Place(EMCY_COB_ID, EMCY_COB_ID, OTHER),
+    Place(cia.SYNC_COB_ID, cia.SYNC_PERIOD, OTHER),
+    Place(cia.GUARD_TIME, cia.LIFE_TIME_FACTOR, LONGER),
+    Place(cia.EMCY_COB_ID, cia.EMCY_COB_ID, OTHER),
     # A producer heartbeat disables life guarding.
-    Place(HEARTBEAT_PRODUCER, HEARTBEAT_PRODUCER, OTHER),
-    Place(HEARTBEAT_CONSUMER, HEARTBEAT_CONSUMER, ELSEWHERE),
+    Place(cia.HEARTBEAT_PRODUCER, cia.HEARTBEAT_PRODUCER, OTHER),
+    Place(cia.HEARTBEAT_CONSUMER, cia.HEARTBEAT_CONSUMER, ELSEWHERE),
 )
 OF_STIMULATOR: Final = Table(
     {
@@ -115,10 +102,10 @@ OF_STIMULATOR: Final = Table(
     },
     (
         *_COMMON,
-        _wiring(RPDO_COMMUNICATION, range(1, MEASUREMENT_RPDOS[-1] + 1)),
-        Place(RPDO_MAPPING, RPDO_MAPPING + _LAST_PUBLIC_RPDO - 1, OTHER),
-        Place(RPDO_COMMUNICATION, _LAST_RPDO, LONGER, (PDO_EVENT,)),
-        _wiring(TPDO_COMMUNICATION, (DRIVE_TPDO,)),
+        _wiring(cia.RPDO_COMMUNICATION, range(1, MEASUREMENT_RPDOS[-1] + 1)),
+        Place(cia.RPDO_MAPPING, cia.RPDO_MAPPING + _LAST_PUBLIC_RPDO - 1, OTHER),
+        Place(cia.RPDO_COMMUNICATION, _LAST_RPDO, LONGER, (cia.PDO_EVENT,)),
+        _wiring(cia.TPDO_COMMUNICATION, (DRIVE_TPDO,)),
     ),
     "while armed or running; disarm first",
 )
@@ -127,10 +114,10 @@ OF_PLATE: Final = Table(
     {LIMIT: HIGHER},
     (
         *_COMMON,
-        _wiring(RPDO_COMMUNICATION, (DRIVE_RPDO,)),
+        _wiring(cia.RPDO_COMMUNICATION, (DRIVE_RPDO,)),
         # For the drive a deadline of 0 means no time at all.
-        Place(_DRIVE, _DRIVE, HIGHER, (PDO_EVENT,)),
-        _wiring(TPDO_COMMUNICATION, MEASUREMENT_TPDOS),
+        Place(_DRIVE, _DRIVE, HIGHER, (cia.PDO_EVENT,)),
+        _wiring(cia.TPDO_COMMUNICATION, MEASUREMENT_TPDOS),
     ),
     "while the stage is in use; disarm, and take the plate out of OPERATIONAL",
 )

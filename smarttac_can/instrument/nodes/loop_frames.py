@@ -8,19 +8,7 @@ from struct import Struct
 from typing import Final
 
 from smarttac_can.canopen.device.mapping import Direction, compile_mapping
-from smarttac_can.canopen.od.cia import (
-    COB_SYNC_PRODUCER,
-    HEARTBEAT_CONSUMER,
-    PDO_COB_ID,
-    RPDO_COMMUNICATION,
-    RPDO_IDS,
-    RPDO_MAPPING,
-    SYNC_COB_ID,
-    SYNC_PERIOD,
-    TPDO_COMMUNICATION,
-    TPDO_IDS,
-    TPDO_MAPPING,
-)
+from smarttac_can.canopen.od import cia
 from smarttac_can.canopen.od.data_types import STRUCT_CODES
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import Entry
@@ -143,22 +131,22 @@ LATCHED: Final = 0x80
 
 def sent_measurement(plate: ObjectDictionary) -> CheckedFrames:
     """Return the layout of the measurement that the plate sends."""
-    return _mapped(plate, TPDO_MAPPING, MEASUREMENT_TPDOS, Direction.TRANSMIT)
+    return _mapped(plate, cia.TPDO_MAPPING, MEASUREMENT_TPDOS, Direction.TRANSMIT)
 
 
 def received_measurement(stimulator: ObjectDictionary) -> CheckedFrames:
     """Return the layout of the measurement that the stimulator receives."""
-    return _mapped(stimulator, RPDO_MAPPING, MEASUREMENT_RPDOS, Direction.RECEIVE)
+    return _mapped(stimulator, cia.RPDO_MAPPING, MEASUREMENT_RPDOS, Direction.RECEIVE)
 
 
 def sent_drive(stimulator: ObjectDictionary) -> CheckedFrames:
     """Return the layout of the drive that the stimulator sends."""
-    return _mapped(stimulator, TPDO_MAPPING, (DRIVE_TPDO,), Direction.TRANSMIT)
+    return _mapped(stimulator, cia.TPDO_MAPPING, (DRIVE_TPDO,), Direction.TRANSMIT)
 
 
 def received_drive(plate: ObjectDictionary) -> CheckedFrames:
     """Return the layout of the drive that the plate receives."""
-    return _mapped(plate, RPDO_MAPPING, (DRIVE_RPDO,), Direction.RECEIVE)
+    return _mapped(plate, cia.RPDO_MAPPING, (DRIVE_RPDO,), Direction.RECEIVE)
 
 
 def _mapped(
@@ -235,15 +223,15 @@ def links_to_plate(
         Whether the stimulator produces SYNC.
     """
     links = [
-        (od.entry(RPDO_COMMUNICATION + rpdo - 1, PDO_COB_ID), base + plate)
-        for rpdo, base in zip(MEASUREMENT_RPDOS, TPDO_IDS, strict=False)
+        (od.entry(cia.RPDO_COMMUNICATION + rpdo - 1, cia.PDO_COB_ID), base + plate)
+        for rpdo, base in zip(MEASUREMENT_RPDOS, cia.TPDO_IDS, strict=False)
     ]
-    drive = od.entry(TPDO_COMMUNICATION + DRIVE_TPDO - 1, PDO_COB_ID)
-    links += [(drive, RPDO_IDS[0] + plate), (od.entry(SYNC_PERIOD), TICK_US)]
+    drive = od.entry(cia.TPDO_COMMUNICATION + DRIVE_TPDO - 1, cia.PDO_COB_ID)
+    links += [(drive, cia.RPDO_IDS[0] + plate), (od.entry(cia.SYNC_PERIOD), TICK_US)]
     if produce_sync:
-        sync = od.entry(SYNC_COB_ID)
-        links.append((sync, sync.default | COB_SYNC_PRODUCER))
-    members = od.objects[HEARTBEAT_CONSUMER].entries
+        sync = od.entry(cia.SYNC_COB_ID)
+        links.append((sync, sync.default | cia.COB_SYNC_PRODUCER))
+    members = od.objects[cia.HEARTBEAT_CONSUMER].entries
     watches = [entry for subindex, entry in members.items() if subindex]
     if plate not in [entry.value >> 16 & 0xFF for entry in watches]:
         links.append((watches[-1], plate << 16 | _PLATE_HEARTBEAT_MS))

@@ -10,15 +10,8 @@ from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.device.nmt import NMTState
 from smarttac_can.canopen.device.port import Clock
 from smarttac_can.canopen.device.storage import Storage
-from smarttac_can.canopen.od.cia import (
-    PDO_COB_ID,
-    PDO_EVENT,
-    PDO_TRANSMISSION,
-    RPDO_COMMUNICATION,
-    RPDO_MAPPING,
-    Abort,
-    AbortCode,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import Abort, AbortCode
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.instrument.nodes.device_node import DeviceNode
@@ -231,12 +224,12 @@ class HardwareWatch:
 
     def _of_rpdo(self, number: int) -> list[tuple[Entry, Rule]]:
         objects = self._device.od.objects
-        communication = objects[RPDO_COMMUNICATION + number - 1].entries
-        mapping = objects[RPDO_MAPPING + number - 1].entries
+        communication = objects[cia.RPDO_COMMUNICATION + number - 1].entries
+        mapping = objects[cia.RPDO_MAPPING + number - 1].entries
         return [
-            (communication[PDO_COB_ID], OTHER),
-            (communication[PDO_TRANSMISSION], OTHER),
-            (communication[PDO_EVENT], LONGER),
+            (communication[cia.PDO_COB_ID], OTHER),
+            (communication[cia.PDO_TRANSMISSION], OTHER),
+            (communication[cia.PDO_EVENT], LONGER),
             *((entry, OTHER) for entry in mapping.values()),
         ]
 

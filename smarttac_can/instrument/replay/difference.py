@@ -7,17 +7,7 @@ from typing import Final, NamedTuple
 
 from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.device.mapping import Direction, compile_mapping
-from smarttac_can.canopen.od.cia import (
-    CAN_ID_MASK,
-    EMCY_ID,
-    FRAME_BYTES,
-    HEARTBEAT_ID,
-    PDO_COB_ID,
-    PDO_COUNT,
-    SDO_TX_ID,
-    TPDO_COMMUNICATION,
-    TPDO_MAPPING,
-)
+from smarttac_can.canopen.od import cia
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.vocabulary.meanings import emergency_text, meaning, meaning_of_bytes
@@ -26,7 +16,7 @@ from smarttac_can.vocabulary.signals import DRIVE_TPDO
 NOTHING: Final = "nothing"
 INITIATED: Final = (2, 3)
 """Command specifiers of SDO answers that name the object."""
-_SERVICES: Final = {EMCY_ID: "EMCY", SDO_TX_ID: "SDO answer", HEARTBEAT_ID: "heartbeat"}
+_SERVICES: Final = {cia.EMCY_ID: "EMCY", cia.SDO_TX_ID: "SDO answer", cia.HEARTBEAT_ID: "heartbeat"}
 
 
 class Field(NamedTuple):
@@ -114,11 +104,11 @@ def difference(
 
 def _tpdo(od: ObjectDictionary, can_id: int) -> int:
     """Return the number of the TPDO with an identifier; 0 if there is none."""
-    for number in range(1, PDO_COUNT + 1):
-        communication = od.get(TPDO_COMMUNICATION + number - 1, PDO_COB_ID)
+    for number in range(1, cia.PDO_COUNT + 1):
+        communication = od.get(cia.TPDO_COMMUNICATION + number - 1, cia.PDO_COB_ID)
         if communication is None:
             return 0
-        if communication.value & CAN_ID_MASK == can_id:
+        if communication.value & cia.CAN_ID_MASK == can_id:
             return number
     return 0
 
@@ -135,13 +125,13 @@ def mapped(
 
 def _fields(od: ObjectDictionary, tpdo: int, recorded: Frame, recomputed: Frame) -> Iterator[Field]:
     if tpdo:
-        index = TPDO_MAPPING + tpdo - 1
+        index = cia.TPDO_MAPPING + tpdo - 1
         both = [mapped(od, index, Direction.TRANSMIT, frame) for frame in (recorded, recomputed)]
         for (entry, there), (_, here) in zip(*both, strict=False):
             if there != here:
                 yield Field(entry.name, meaning(entry, there), meaning(entry, here))
-    elif len(recorded.data) == len(recomputed.data) == FRAME_BYTES:
-        if recorded.can_id == EMCY_ID + od.node_id:
+    elif len(recorded.data) == len(recomputed.data) == cia.FRAME_BYTES:
+        if recorded.can_id == cia.EMCY_ID + od.node_id:
             yield Field("error", _emergency(recorded), _emergency(recomputed))
         elif recorded.data[:4] == recomputed.data[:4] and recorded.data[0] >> 5 in INITIATED:
             yield from _read_field(od, recorded, recomputed)

@@ -39,22 +39,8 @@ from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.device.mapping import Direction
 from smarttac_can.canopen.device.nmt import NMTState
 from smarttac_can.canopen.device.port import NEVER
-from smarttac_can.canopen.od.cia import (
-    BOOT_UP,
-    CAN_ID_MASK,
-    EMCY_ID,
-    HEARTBEAT_ID,
-    HEARTBEAT_PRODUCER,
-    NMT_ID,
-    PDO_COB_ID,
-    RPDO_COMMUNICATION,
-    RPDO_MAPPING,
-    SDO_TX_ID,
-    TPDO_COMMUNICATION,
-    TPDO_MAPPING,
-    EmergencyCode,
-    NMTCommand,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import EmergencyCode, NMTCommand
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.instrument.nodes.stimulator_node import StimulatorNode
 from smarttac_can.instrument.replay.difference import INITIATED, Difference, difference, mapped
@@ -181,7 +167,7 @@ class Replay:
         self._power_on = power_on
         self._node_id = node_id
         self._lockstep = lockstep
-        self._boot_up = Frame(HEARTBEAT_ID + node_id, BOOT_UP)
+        self._boot_up = Frame(cia.HEARTBEAT_ID + node_id, cia.BOOT_UP)
         self._node: ReplayedNode | None = None
         self._sent = ReplayedNode(power_on(), 0, lockstep=lockstep).sent
         self._keeps = False
@@ -388,7 +374,7 @@ class Replay:
 
 def reset_command(frame: Frame, node_id: int) -> int | None:
     """Return the command of an NMT frame that resets a node; None for other frames."""
-    if frame.can_id != NMT_ID or len(frame.data) != len(("command", "node-ID")):
+    if frame.can_id != cia.NMT_ID or len(frame.data) != len(("command", "node-ID")):
         return None
     command, addressed = frame.data
     return command if command in _RESETS and addressed in (0, node_id) else None
@@ -425,8 +411,8 @@ class ReplayedNode:
         self._half_heard: int | None = None
         self._shutdown: list[Frame] | None = None
         node_id = node.od.node_id
-        self._sdo, self._emcy = SDO_TX_ID + node_id, EMCY_ID + node_id
-        self._heartbeat = HEARTBEAT_ID + node_id
+        self._sdo, self._emcy = cia.SDO_TX_ID + node_id, cia.EMCY_ID + node_id
+        self._heartbeat = cia.HEARTBEAT_ID + node_id
         self._put(node.start())
 
     @property
@@ -466,7 +452,7 @@ class ReplayedNode:
 
     def drives(self, frame: Frame) -> bool:
         """Return whether a frame is a drive."""
-        return frame.can_id == _can_id(self.od, TPDO_COMMUNICATION + DRIVE_TPDO - 1)
+        return frame.can_id == _can_id(self.od, cia.TPDO_COMMUNICATION + DRIVE_TPDO - 1)
 
     def hear(self, time: int, frame: Frame) -> None:
         """Queue a frame of another party."""
@@ -544,7 +530,7 @@ class ReplayedNode:
         if self._lockstep:
             return "", time
         name = f"node {self.od.node_id}"
-        owed, period = self._owed(), self.od.number(HEARTBEAT_PRODUCER) * 1000
+        owed, period = self._owed(), self.od.number(cia.HEARTBEAT_PRODUCER) * 1000
         if owed is not None and time - owed > self.patience * TICK_US:
             return f"{name} answers no measurement", owed
         if period and time - self._last_sent > _SILENT_HEARTBEATS * period:
@@ -554,7 +540,7 @@ class ReplayedNode:
     def _owed(self) -> int | None:
         """Return the time of the first measurement that waits for its answer; None without one."""
         frames = [frame.can_id for _, frame in self._waiting]
-        if not self._drove or NMT_ID in frames:
+        if not self._drove or cia.NMT_ID in frames:
             return None
         return next((time for time, frame in self._waiting if self._is_measurement(frame)), None)
 
@@ -591,7 +577,7 @@ class ReplayedNode:
             return len(waiting)
         last = self._measurement_ids()[-1]
         ends = [place for place, (_, one) in enumerate(waiting) if one.can_id == last]
-        tick = self._tick(TPDO_MAPPING + DRIVE_TPDO - 1, Direction.TRANSMIT, frame)
+        tick = self._tick(cia.TPDO_MAPPING + DRIVE_TPDO - 1, Direction.TRANSMIT, frame)
         for place in range(len(waiting) - 1, -1, -1):
             if tick is not None and tick == self._begins_tick(waiting[place][1]):
                 end = next((end for end in ends if end > place), place)
@@ -614,14 +600,14 @@ class ReplayedNode:
         return frame.can_id in self._measurement_ids()
 
     def _measurement_ids(self) -> tuple[int, ...]:
-        numbers = (RPDO_COMMUNICATION + rpdo - 1 for rpdo in MEASUREMENT_RPDOS)
+        numbers = (cia.RPDO_COMMUNICATION + rpdo - 1 for rpdo in MEASUREMENT_RPDOS)
         return tuple(_can_id(self.od, number) for number in numbers)
 
     def _begins_tick(self, frame: Frame) -> int | None:
         """Return the tick of the measurement that a frame begins, modulo that of a drive."""
         if frame.can_id != self._measurement_ids()[0]:
             return None
-        return self._tick(RPDO_MAPPING + MEASUREMENT_RPDOS[0] - 1, Direction.RECEIVE, frame)
+        return self._tick(cia.RPDO_MAPPING + MEASUREMENT_RPDOS[0] - 1, Direction.RECEIVE, frame)
 
     def _tick(self, index: int, direction: Direction, frame: Frame) -> int | None:
         """Return the tick in a PDO, modulo that of a drive; None if it has no tick."""
@@ -698,7 +684,7 @@ class ReplayedNode:
             return
         timed, sent = self._timed(), self._node.ids.sent
         for frame in frames:
-            boots = frame.can_id == self._heartbeat and frame.data == BOOT_UP
+            boots = frame.can_id == self._heartbeat and frame.data == cia.BOOT_UP
             if frame.can_id in sent and (frame.can_id not in timed or boots):
                 self._computed.setdefault(frame.can_id, deque()).append((self._clock.now, frame))
         for frame in timed.values():
@@ -708,4 +694,4 @@ class ReplayedNode:
 
 
 def _can_id(od: ObjectDictionary, communication: int) -> int:
-    return od.number(communication, PDO_COB_ID) & CAN_ID_MASK
+    return od.number(communication, cia.PDO_COB_ID) & cia.CAN_ID_MASK
