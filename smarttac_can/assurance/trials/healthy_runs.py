@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import random
 from dataclasses import asdict, dataclass, replace
-from functools import cache
 from math import sin
 from typing import Any, Final, NamedTuple
 
 from smarttac_can.assurance.trials.invariants import TripCause
-from smarttac_can.bench.simulation import plate_od, stimulator_od
+from smarttac_can.assurance.trials.rig import TARE_CYCLES, BlockRig, block_rig
 from smarttac_can.canopen.od.cia import Abort
-from smarttac_can.instrument.nodes.plate_block import PlateBlock, SimulatedPlate
 from smarttac_can.instrument.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.science.plant.finger import FingerState, Lifted, smooth
 from smarttac_can.science.plant.parameters import (
@@ -22,8 +20,8 @@ from smarttac_can.science.plant.parameters import (
 from smarttac_can.science.plant.plate import Plate
 from smarttac_can.science.plant.subjects import SUBJECTS, Subject
 from smarttac_can.vocabulary.meanings import AUTO_ZERO, START_RUN, ZERO
-from smarttac_can.vocabulary.signals import TARE_SAMPLES, TICK
-from smarttac_can.vocabulary.states import Control, Law, Mode, State, Status, VibrationLaw
+from smarttac_can.vocabulary.signals import TICK
+from smarttac_can.vocabulary.states import Law, Mode, State, Status, VibrationLaw
 from smarttac_can.vocabulary.textures import Axis, TextureTable
 from smarttac_can.vocabulary.watchdogs import watchdogs_in
 
@@ -38,7 +36,6 @@ _WEIGHTS: Final = (1, 4, 2, 4, 6)
 _DEAD_TIMES: Final = (0, 540, 999)
 _SOFTENINGS: Final = (0.0, 60e6, 150e6)
 _WINDOWS: Final = (0.0, 461e-6)
-_TARE_CYCLES: Final = TARE_SAMPLES + 6
 _IDENTIFY_CYCLES: Final = 2500
 _LEAST_COF, _MOST_COF = 500, 20000
 """Bounds of a COF in 1e-4, as in the EDS."""
@@ -89,7 +86,7 @@ class _Finger:
 
     def at(self, time: float) -> FingerState:
         """Return the state at a time in s from the start of the run."""
-        begin = (_TARE_CYCLES + 20) * TICK
+        begin = (TARE_CYCLES + 20) * TICK
         Fn = self._force * smooth((time - begin) / self._press)
         if self._lifts and time > begin + self._press:
             phase = (time - begin) / self._period % 1.0
@@ -127,7 +124,7 @@ class TappingFinger:
 
     def at(self, time: float) -> FingerState:
         """Return the state at a time in s from the start of the run."""
-        begin, Fn = (_TARE_CYCLES + 20) * TICK, 0.0
+        begin, Fn = (TARE_CYCLES + 20) * TICK, 0.0
         if time > begin:
             since = (time - begin) % self._period
             Fn = self._force * smooth(since / self._press)
@@ -170,22 +167,6 @@ def _texture(draw: random.Random) -> TextureTable:
     return TextureTable(Axis.TIME, True, 0, draw.randrange(500, 20_000), values)
 
 
-class _Bench:
-    def __init__(self) -> None:
-        self.plate_block = PlateBlock(plate_od())
-        self.od = stimulator_od()
-        self.block = StimulatorBlock(self.od, self.plate_block)
-        self.cycles = 0
-
-
-_bench: Final = cache(_Bench)
-
-
-def _cycle(block: StimulatorBlock, count: int) -> None:
-    for _ in range(count):
-        block.tick()
-
-
 def _try(block: StimulatorBlock, name: str, raw: int | bytes) -> None:
     """Write a value that the stimulator may refuse, as a user's script would."""
     try:
@@ -207,10 +188,9 @@ def healthy_run(seed: int) -> HealthyRun:
     """
     tapping = seed % 5 > _WILD_OF_FIVE
     draw = random.Random(seed)
-    bench = _bench()
-    block = bench.block
-    block.od.reset()
-    block.power_on()
+    rig = block_rig()
+    rig.power_on({})
+    block = rig.block
     dead_time = draw.choice(_DEAD_TIMES)
     softening, window = _plate(seed)
     half = round(0.5e6 * window)
@@ -232,44 +212,32 @@ def healthy_run(seed: int) -> HealthyRun:
     block.write(START_RUN, 1)
     finger = TappingFinger(draw) if tapping else _Finger(draw)
     ambient = draw.choice((20.0, draw.uniform(15.0, 30.0)))
-    backend = bench.plate_block.backend
-    assert isinstance(backend, SimulatedPlate)
-    plate = backend.plate = Plate(
+    plate = Plate(
         parameters, _subject(draw), finger, seed=seed, ambient=ambient,
         dead_time=dead_time * 1e-6,
     )  # fmt: skip
     identifies = tapping or not draw.randrange(4)
     if identifies:
         # There is no finger during the identification.
-        backend.plate = Plate(
+        rig.simulate(Plate(
             parameters, SUBJECTS[0], Lifted(), seed=seed, ambient=ambient,
             dead_time=dead_time * 1e-6,
-        )  # fmt: skip
-        _tare(block)
-        _arm(block, Mode.IDENTIFY)
-        for _ in range(_IDENTIFY_CYCLES):
-            block.tick()
-            if not block.od["Mode"].value:
-                break
+        ))  # fmt: skip
+        _tare(rig)
+        rig.identify(_IDENTIFY_CYCLES)
         block.write("Controlword", 0)
         block.write(START_RUN, 1)
-        backend.plate = plate
-    _tare(block)
+    rig.simulate(plate)
+    _tare(rig)
     kind = f"{dead_time} us, {softening * 1e-6:.0f} Hz/um, window {2 * half} us"
     what = f"{law.name} {friction.name} {kind}, {finger}"
-    return _driven(seed, draw, bench, what, _GENTLE if tapping else _WILD)
+    return _driven(seed, draw, rig, what, _GENTLE if tapping else _WILD)
 
 
-def _tare(block: StimulatorBlock) -> None:
-    _cycle(block, _TARE_CYCLES)
-    block.write(AUTO_ZERO[0], ZERO)
-    _cycle(block, 4)
-
-
-def _arm(block: StimulatorBlock, mode: Mode) -> None:
-    block.write("Mode", mode)
-    for word in (0, Control.ARM, Control.ARM | Control.RUN):
-        block.write("Controlword", word)
+def _tare(rig: BlockRig) -> None:
+    rig.tick(TARE_CYCLES)
+    rig.block.write(AUTO_ZERO[0], ZERO)
+    rig.tick(4)
 
 
 class _Inputs(NamedTuple):
@@ -290,9 +258,9 @@ _GENTLE: Final = _Inputs(2.5, 60.0, False, (4000, 8000), (400, 1500, 9000))
 
 
 def _driven(
-    seed: int, draw: random.Random, bench: _Bench, what: str, inputs: _Inputs
+    seed: int, draw: random.Random, rig: BlockRig, what: str, inputs: _Inputs
 ) -> HealthyRun:
-    block, od, plate = bench.block, bench.od, bench.plate_block.plate
+    block, od, plate = rig.block, rig.od, rig.plate_block.plate
     low = od["Limit.Lowest frequency"].value
     high = od["Limit.Highest frequency"].value
     resonance = round(plate.resonance * 100.0)
@@ -313,11 +281,12 @@ def _driven(
             _try(block, "Setpoint.Frequency", min(max(frequency, low), high))
 
     jump()
-    _arm(block, mode)
+    block.write("Mode", mode)
+    rig.arm()
     modes = [mode.name]
     cycles = draw.randint(*inputs.cycles)
     pause = draw.choice(inputs.pauses)
-    trip_cause, cause = TripCause(bench), ""
+    trip_cause, cause = TripCause(rig), ""
     status, bit = od["Statusword"], int(Status.LIMITED)
     limited, peak, ended, after = 0, 0.0, "", -1
     for cycle in range(cycles):
@@ -327,8 +296,7 @@ def _driven(
                 mode = draw.choices(_DRIVING, _WEIGHTS)[0]
                 modes.append(mode.name)
                 _try(block, "Mode", mode)
-        block.tick()
-        bench.cycles += 1
+        rig.tick()
         trip_cause.look()
         peak = max(peak, abs(plate.W))
         limited += bool(status.value & bit)

@@ -1,9 +1,10 @@
-"""A test rig: two simulated nodes on a bus with faults, and their master, scripted or random."""
+"""Test rigs: two simulated nodes on a bus with faults and their master, and one without a bus."""
 
 from __future__ import annotations
 
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import cache
 from struct import pack
 from typing import Any, Final, NamedTuple
 
@@ -18,10 +19,12 @@ from smarttac_can.canopen.od.cia import Abort, NMTCommand
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.host.faulty_bus import FaultyBus
-from smarttac_can.instrument.nodes.plate_block import PlateBlock
+from smarttac_can.instrument.nodes.plate_block import PlateBlock, SimulatedPlate
 from smarttac_can.instrument.nodes.plate_node import PlateNode
+from smarttac_can.instrument.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.instrument.nodes.stimulator_node import StimulatorNode
 from smarttac_can.science.plant.finger import Finger
+from smarttac_can.science.plant.plate import Plate
 from smarttac_can.vocabulary.meanings import AUTO_ZERO, SIMULATION, START_RUN, STROKE, ZERO
 from smarttac_can.vocabulary.signals import HARDWARE_RPDO, SHORT_DEADLINE_MS, TARE_SAMPLES, TICK_US
 from smarttac_can.vocabulary.states import Control, Mode, State
@@ -111,6 +114,63 @@ class LocalMaster:
     def _on_frame(self, frame: Frame) -> None:
         self._heard.append(frame)
         self._hear(frame)
+
+
+class BlockRig:
+    """A stimulator with the plate inside, without a bus, for one run after another.
+
+    Attributes
+    ----------
+    block, od
+        Stimulator and its object dictionary.
+    plate_block
+        Plate inside it.
+    cycles
+        Cycles that were run by `tick`.
+    """
+
+    def __init__(self) -> None:
+        self.plate_block = PlateBlock(plate_od())
+        self.od = stimulator_od()
+        self.block = StimulatorBlock(self.od, self.plate_block)
+        self.cycles = 0
+
+    def power_on(self, stored: Mapping[str, Any]) -> None:
+        """Start as a device that has stored only these values, by name."""
+        self.od.reset()
+        for name, value in stored.items():
+            self.od[name].value = value
+        self.block.power_on()
+
+    def simulate(self, plate: Plate) -> None:
+        """Put a plate and its finger in the place of the simulated ones."""
+        backend = self.plate_block.backend
+        assert isinstance(backend, SimulatedPlate)
+        backend.plate = plate
+
+    def tick(self, count: int = 1) -> None:
+        """Run so many cycles."""
+        self.cycles += count
+        for _ in range(count):
+            self.block.tick()
+
+    def arm(self) -> None:
+        """Arm and run; raises Abort if the stimulator refuses."""
+        for word in (Control.ARM, Control.ARM | Control.RUN):
+            self.block.write("Controlword", word)
+
+    def identify(self, most_cycles: int) -> None:
+        """Identify the plate, in at most so many cycles; raises Abort if it cannot be armed."""
+        self.block.write("Mode", Mode.IDENTIFY)
+        self.arm()
+        for _ in range(most_cycles):
+            self.tick()
+            if self.block.state is not State.RUNNING or not self.od["Mode"].value:
+                break
+
+
+block_rig: Final = cache(BlockRig)
+"""The rig of this process; power it on for each run."""
 
 
 class Emcy(NamedTuple):

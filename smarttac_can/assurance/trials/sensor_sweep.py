@@ -16,7 +16,7 @@ from __future__ import annotations
 import random
 import re
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cache
@@ -24,10 +24,10 @@ from hashlib import sha256
 from math import cos, floor, pi, sin
 from typing import Any, Final, NamedTuple
 
-from smarttac_can.bench.simulation import plate_od, stimulator_od
+from smarttac_can.assurance.trials.rig import TARE_CYCLES, BlockRig, block_rig
 from smarttac_can.canopen.od.cia import Abort
+from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.instrument.nodes.parameters import GAUGE_ZERO, MODEL
-from smarttac_can.instrument.nodes.plate_block import PlateBlock, SimulatedPlate
 from smarttac_can.instrument.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.science.plant.faults import SOUND
 from smarttac_can.science.plant.finger import Finger, FingerState, smooth
@@ -39,7 +39,7 @@ from smarttac_can.science.plant.parameters import (
 from smarttac_can.science.plant.plate import Plate
 from smarttac_can.science.plant.subjects import SUBJECTS, Subject
 from smarttac_can.vocabulary.meanings import AUTO_ZERO, START_RUN, ZERO
-from smarttac_can.vocabulary.signals import PICKUP_SATURATED, TARE_SAMPLES, TICK, Measurement
+from smarttac_can.vocabulary.signals import PICKUP_SATURATED, TICK, Measurement
 from smarttac_can.vocabulary.states import Control, Law, Mode, State, Status, VibrationLaw
 from smarttac_can.vocabulary.textures import Axis, TextureTable
 from smarttac_can.vocabulary.watchdogs import watchdogs_in
@@ -434,8 +434,7 @@ class Result:
     """Promise that the cell breaks, and how; empty for none."""
 
 
-_TARE_CYCLES: Final = TARE_SAMPLES + 6
-_FIRST_DRIVE: Final = _TARE_CYCLES + 4
+_FIRST_DRIVE: Final = TARE_CYCLES + 4
 _STEADY: Final = _FIRST_DRIVE + 120
 NOT_ARMED: Final = "not armed"
 """End of a cell that never drove, as the failure was detected before."""
@@ -523,120 +522,83 @@ _STORED: Final = (MODEL, GAUGE_ZERO)
 """Records that an identification, and the tare before it, store."""
 
 
-class _Bench:
-    """A stimulator with the plate inside, used for one cell after another."""
+def _stored(od: ObjectDictionary) -> dict[str, Any]:
+    """Return the values that the present identification would store."""
+    return {
+        entry.name: entry.value
+        for entry in od
+        if entry.writable and entry.name.partition(".")[0] in _STORED
+    }
 
-    def __init__(self) -> None:
-        self.plate = PlateBlock(plate_od())
-        self.block = StimulatorBlock(stimulator_od(), self.plate)
 
-    def power_on(self, stored: Mapping[str, Any]) -> None:
-        """Start as a device that has stored only these values, by name."""
-        od = self.block.od
-        od.reset()
-        for name, value in stored.items():
-            od[name].value = value
-        self.block.power_on()
+def _begin(rig: BlockRig, cell: Cell, finger: Finger, failure: Failure, onset: int) -> None:
+    """Start a run, and tare without a finger."""
+    write = rig.block.write
+    low = round(cell.cof * 1e4)
+    grating = TextureTable(
+        Axis.POSITION, repeats=True, start=0, step=100_000,
+        values=(low,) * 10 + (low + 1000,) * 10,
+    )  # fmt: skip
+    frequency = _PLATE.f0 + cell.detuning
+    for name, raw in (
+        (_TEXTURE, grating.pack()),
+        ("Controller.Vibration law", VibrationLaw[cell.law]),
+        ("Friction law", Law[cell.friction]),
+        ("Controller.Dead time", cell.dead_time),
+        ("Simulation.Drive instant", cell.dead_time),
+        ("Setpoint.Frequency", round(frequency * 100.0)),
+        ("Setpoint.COF left", low),
+        ("Setpoint.COF right", low + 1000),
+    ):
+        write(name, raw)
+    write(START_RUN, 1)
+    rig.simulate(Plate(
+        _plate(cell.softening), _subject(cell.damping), finger, ambient=cell.ambient,
+        dead_time=cell.dead_time * 1e-6, seed=cell.seed,
+        failing=FailingSensors(failure, onset, cell.seed),
+    ))  # fmt: skip
+    rig.tick(TARE_CYCLES)
+    with suppress(Abort):  # a gauge that has failed prevents its tare
+        write(AUTO_ZERO[0], ZERO)
+    rig.tick(_FIRST_DRIVE - TARE_CYCLES - 1)
 
-    def stored(self) -> dict[str, Any]:
-        """Return the values that the present identification would store."""
-        od = self.block.od
-        return {
-            entry.name: entry.value
-            for entry in od
-            if entry.writable and entry.name.partition(".")[0] in _STORED
-        }
 
-    def begin(self, cell: Cell, finger: Finger, failure: Failure, onset: int) -> None:
-        """Start a run, and tare without a finger."""
-        block = self.block
-        write = block.write
-        low = round(cell.cof * 1e4)
-        grating = TextureTable(
-            Axis.POSITION, repeats=True, start=0, step=100_000,
-            values=(low,) * 10 + (low + 1000,) * 10,
-        )  # fmt: skip
-        frequency = _PLATE.f0 + cell.detuning
-        for name, raw in (
-            (_TEXTURE, grating.pack()),
-            ("Controller.Vibration law", VibrationLaw[cell.law]),
-            ("Friction law", Law[cell.friction]),
-            ("Controller.Dead time", cell.dead_time),
-            ("Simulation.Drive instant", cell.dead_time),
-            ("Setpoint.Frequency", round(frequency * 100.0)),
-            ("Setpoint.COF left", low),
-            ("Setpoint.COF right", low + 1000),
-        ):
-            write(name, raw)
-        write(START_RUN, 1)
-        backend = self.plate.backend
-        assert isinstance(backend, SimulatedPlate)
-        backend.plate = Plate(
-            _plate(cell.softening), _subject(cell.damping), finger, ambient=cell.ambient,
-            dead_time=cell.dead_time * 1e-6, seed=cell.seed,
-            failing=FailingSensors(failure, onset, cell.seed),
-        )  # fmt: skip
-        for _ in range(_TARE_CYCLES):
-            block.tick()
-        with suppress(Abort):  # a gauge that has failed prevents its tare
-            write(AUTO_ZERO[0], ZERO)
-        for _ in range(_FIRST_DRIVE - _TARE_CYCLES - 1):
-            block.tick()
-
-    def end(self) -> None:
-        """Disarm, and reset a fault without a failing sensor."""
-        block = self.block
+def _end(block: StimulatorBlock) -> None:
+    """Disarm, and reset a fault without a failing sensor."""
+    block.write("Controlword", 0)
+    if block.state is State.FAULT:
+        block.write(START_RUN, 1)
+        block.tick()
+        block.write("Controlword", Control.FAULT_RESET)
         block.write("Controlword", 0)
-        if block.state is State.FAULT:
-            block.write(START_RUN, 1)
-            block.tick()
-            block.write("Controlword", Control.FAULT_RESET)
-            block.write("Controlword", 0)
 
-    def arm(self) -> bool:
-        """Arm and run; return whether that was accepted."""
-        try:
-            for word in (Control.ARM, Control.ARM | Control.RUN):
-                self.block.write("Controlword", word)
-        except Abort:  # a sensor that has failed prevents it
-            return False
-        return True
 
-    def set(self, cell: Cell, share: float) -> None:
-        """Write a fraction of the set-point of the cell."""
-        write = self.block.write
-        um = cell.setpoint * share
-        write("Setpoint.Amplitude", round(um * 1e3))
-        write("Setpoint.Voltage", min(round(um * 1e-6 / _PLATE.gain * 100.0), 20000))
+def _ask(block: StimulatorBlock, cell: Cell, share: float) -> None:
+    """Write a fraction of the set-point of the cell."""
+    um = cell.setpoint * share
+    block.write("Setpoint.Amplitude", round(um * 1e3))
+    block.write("Setpoint.Voltage", min(round(um * 1e-6 / _PLATE.gain * 100.0), 20000))
 
-    def identify(self, cell: Cell, failure: Failure, onset: int) -> None:
-        """Identify the plate without a finger; the result stays in force."""
-        self.begin(cell, _LIFTED, failure, onset)
-        self.block.write("Mode", Mode.IDENTIFY)
-        if self.arm():
-            for _ in range(_IDENTIFY_CYCLES):
-                self.block.tick()
-                if self.block.state is not State.RUNNING or not self.block.od["Mode"].value:
-                    break
-        self.end()
+
+def _identify(rig: BlockRig, cell: Cell, failure: Failure, onset: int) -> None:
+    """Identify the plate without a finger; the result stays in force."""
+    _begin(rig, cell, _LIFTED, failure, onset)
+    with suppress(Abort):  # a sensor that has failed prevents it
+        rig.identify(_IDENTIFY_CYCLES)
+    _end(rig.block)
 
 
 _NEVER: Final = 1 << 40
 
 
 @cache
-def _bench() -> _Bench:
-    return _Bench()
-
-
-@cache
 def _identification(dead_time: int, softening: float) -> dict[str, Any]:
     """Return the stored values of a plate that was identified with sound sensors."""
-    bench = _bench()
-    bench.power_on({})
+    rig = block_rig()
+    rig.power_on({})
     sound = Cell(dead_time=dead_time, softening=softening)
-    bench.identify(sound, parse_failure(sound.failure), _NEVER)
-    return bench.stored()
+    _identify(rig, sound, parse_failure(sound.failure), _NEVER)
+    return _stored(rig.od)
 
 
 def run_cell(cell: Cell) -> Result:
@@ -645,10 +607,10 @@ def run_cell(cell: Cell) -> Result:
     mode = Mode[cell.mode]
     sound = cell.identified == "sound" and mode is not Mode.IDENTIFY
     stored = _identification(cell.dead_time, cell.softening) if sound else {}
-    bench = _bench()
-    bench.power_on(stored)
+    rig = block_rig()
+    rig.power_on(stored)
     if cell.identified == "failed":
-        bench.identify(cell, failure, 0)
+        _identify(rig, cell, failure, 0)
     onset = 0 if cell.onset == "before" else _STEADY
     lands = None if cell.motion == "none" else (_FIRST_DRIVE + 10) * TICK
     lifts = None
@@ -660,8 +622,8 @@ def run_cell(cell: Cell) -> Result:
     finger: Finger = CellFinger(cell.force, lands, lifts)
     if cell.motion == TAPPING:
         finger = TappingFinger(cell, (_FIRST_DRIVE + 10) * TICK)
-    bench.begin(cell, finger, failure, onset)
-    return _watched(cell, failure, bench, (onset, reference))
+    _begin(rig, cell, finger, failure, onset)
+    return _watched(cell, failure, rig, (onset, reference))
 
 
 def bounds(cell: Cell) -> tuple[float, float]:
@@ -708,22 +670,24 @@ class _Meter:
         return 0.5 * _PLATE.damping * velocity * velocity * self._square * TICK
 
 
-def _watched(cell: Cell, failure: Failure, bench: _Bench, ticks: tuple[int, int]) -> Result:
+def _watched(cell: Cell, failure: Failure, rig: BlockRig, ticks: tuple[int, int]) -> Result:
     """Drive, and return the result.
 
     ``ticks`` are the tick from which the sensor fails, and the tick from which cycles count.
     """
     onset, reference = ticks
-    block, tick = bench.block, bench.block.tick
-    plate, supervisor = bench.plate.plate, block.supervisor
+    block, tick = rig.block, rig.block.tick
+    plate, supervisor = rig.plate_block.plate, block.supervisor
     meter = _Meter(plate, *bounds(cell))
     look = meter.look
     steps = cell.onset == "step"
-    bench.set(cell, _LOW if steps else 1.0)
+    _ask(block, cell, _LOW if steps else 1.0)
     block.write("Mode", Mode[cell.mode])
     ended, after = "", 0
     last = reference + cell.cycles
-    if not bench.arm():
+    try:
+        rig.arm()
+    except Abort:  # a sensor that has failed prevents it
         block.write("Mode", Mode.OFF)
         ended, after, last = NOT_ARMED, 0, _FIRST_DRIVE + _RING
     status, bit = block.od["Statusword"], int(Status.LIMITED)
@@ -731,7 +695,7 @@ def _watched(cell: Cell, failure: Failure, bench: _Bench, ticks: tuple[int, int]
     errors: list[float] = []
     while plate.tick < last:
         if steps and plate.tick == reference:
-            bench.set(cell, 1.0)
+            _ask(block, cell, 1.0)
         tick()
         look()
         limited += bool(status.value & bit)
@@ -742,7 +706,7 @@ def _watched(cell: Cell, failure: Failure, bench: _Bench, ticks: tuple[int, int]
             ended = "+".join(w.name for w in watchdogs_in(supervisor.latched))
             after = plate.tick - reference
             last = min(last, plate.tick + _RING)
-    bench.end()
+    _end(block)
     result = Result(
         str(cell), failure.name, ended, after, round(meter.peak * 1e6, 3), meter.in_a_row,
         meter.above, round(meter.energy, 4), limited,

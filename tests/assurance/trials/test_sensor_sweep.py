@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 from smarttac_can.assurance.trials import sensor_sweep
+from smarttac_can.assurance.trials.rig import block_rig
 from smarttac_can.assurance.trials.sensor_sweep import (
     DRIVING,
     IDENTIFIED,
@@ -40,7 +41,7 @@ def test_a_cell_does_not_depend_on_the_cells_before_it() -> None:
     cells = random_cells(12, 5)
     alone = []
     for cell in cells:
-        sensor_sweep._bench.cache_clear()
+        block_rig.cache_clear()
         sensor_sweep._identification.cache_clear()
         alone.append(run_cell(cell))
     assert [run_cell(cell) for cell in reversed(cells)] == alone[::-1]
@@ -57,8 +58,8 @@ def test_a_cell_comes_to_the_same_twice(identified: str) -> None:
 
 
 def test_the_identification_of_a_cell_is_in_force() -> None:
-    bench = sensor_sweep._bench()
-    resonance = bench.block.od["Model.Resonance"]
+    rig = block_rig()
+    resonance = rig.od["Model.Resonance"]
     run_cell(Cell(identified="sound"))
     assert resonance.value != resonance.default
     run_cell(Cell())
