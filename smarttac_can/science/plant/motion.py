@@ -52,7 +52,8 @@ LEAST_RESONANCE: Final = 0.5
 HARDEST: Final = 10.0
 """Largest normal force of a finger in N."""
 CONTACT_GROWTH: Final = 2.0 / 3.0
-"""Exponent of the contact area, and with it the finger's load on the mode, over force [L]."""
+"""Exponent of the contact area, and with it the finger's load on the mode, over force [A]: that of
+a sphere on a plane (Hertz)."""
 
 
 Finger = tuple[float, float]

@@ -126,8 +126,8 @@ class SensorParameters:
     drift_temperature: float = 20.0
     """Temperature in degC at which a gauge has its null [A]."""
     linearity: float = 0.22
-    """Bound of the bow of a gauge in N over :attr:`span` [L]; its slope at no load is calibrated
-    [A]."""
+    """Bound of the bow of a gauge in N over :attr:`span` [L, FSS1500: 1.5 % of it]; its slope at
+    no load is calibrated [A]."""
     span: float = 14.7
     """Span of a gauge in N [L, FSS1500]."""
     gauge_noise: float = 4.3e-3

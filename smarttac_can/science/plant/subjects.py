@@ -42,11 +42,11 @@ class Subject:
     mu0: float
     """COF at 0.5 N without vibration and occlusion (fitted to the paper's ranges)."""
     exponent: float
-    """n of Ft ~ Fn^n, 2/3..1 [L]."""
+    """n of Ft ~ Fn^n, 2/3..1 [L, doi:10.1007/978-3-662-44193-0_15]."""
     occlusion: float
-    """Rise of mu0 at full occlusion, as a fraction [A]."""
+    """Rise of mu0 at full occlusion, as a fraction [A]; on smooth plates up to 9 was measured."""
     occlusion_time: float
-    """Time constant of occlusion in s, about 20 s [L, doi:10.1007/s11249-011-9828-0]."""
+    """Time constant of occlusion in s, about 20 s [L, doi:10.1007/978-3-662-44193-0_15]."""
     rho: float
     """Fraction of mu0 that vibration cannot remove [A, fitted]."""
     W0: float
@@ -58,13 +58,14 @@ class Subject:
     stribeck_speed: float
     """Speed in m/s at which half of the Stribeck rise has vanished [A]."""
     relaxation_length: float
-    """Sliding distance in m over which friction builds up to 1 - 1/e, 11.5 um [D from L]."""
+    """Sliding distance in m over which friction builds up to 1 - 1/e, 11.5 um
+    [D from L, arXiv:2505.11162]."""
     skin_mass: float
-    """Moving mass of the skin in kg [L]."""
+    """Moving mass of the skin in kg [A]."""
     skin_stiffness: float
-    """Lateral stiffness of the skin in N/m [L]."""
+    """Lateral stiffness of the skin in N/m [A]."""
     skin_damping: float
-    """Lateral damping of the skin in N s/m [L]."""
+    """Lateral damping of the skin in N s/m [A]."""
     load_damping: float
     """Damping that the finger adds to the mode at 0.5 N, in N s/m [A]."""
     load_stiffness: float
