@@ -38,6 +38,7 @@ def test_a_signal_leaves_0_v(multicast: dict[str, Any]) -> None:
             bench.mode = "amplitude"
             bench.run(0.02)
             bench._link.close()
+            bench._disown()  # it has gone without a word
             node.wait_for("stimulator 32 mode amplitude")
             until(lambda: voltages[-1:] > [1000])
             status, lines, complaints = node.end()
