@@ -1,11 +1,18 @@
-"""Fill docs/reference/conformance.md and verdicts.json: every case, on our device and two others.
+"""Fill docs/reference/conformance.md and verdicts.json: every case, on our device and on others.
 
     tools/pages/make conformance [--check]
+    tools/pages/make conformance --stack NAME --eds FILE --node-id N --command LINE
 
-Each device is built from tests/eds/rich.eds. Ours runs in device time, python-canopen's LocalNode
-and durand (`pip install durand`) in real time over python-can's virtual bus; ten minutes in all.
+Three devices are built from tests/eds/rich.eds. Ours runs in device time, python-canopen's
+LocalNode and durand (`pip install durand`) in real time over python-can's virtual bus. Then come
+the scripted devices of tests/faulty_devices.py; twenty minutes in all.
 
-Example: tools/pages/make conformance --check
+--stack judges a device of another stack instead, which you have built; the verdicts on the others
+stay. NAME begins with the name of the stack in the table, and gives the version. The command line
+starts a node on the bus. It is started again if it ends, as some nodes do on reset node.
+
+Example: tools/with-vcan -- tools/pages/make conformance --stack "CANopenNode 4.0"
+    --eds demoDevice.eds --node-id 5 --command "./demoLinuxDevice vcan0 -i 5"
 """
 
 from __future__ import annotations
@@ -13,22 +20,25 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+import shlex
+import subprocess
+import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
+from contextlib import closing, contextmanager
 from importlib.metadata import version
 from io import StringIO
 from itertools import groupby
 from pathlib import Path
-from threading import Thread
-from typing import Any
+from threading import Event, Thread
+from typing import Any, Final
 
 import can
 import canopen
 import durand
 from durand.scheduler import AsyncScheduler
-from pages import REFERENCE, Pages, made, renewed
+from pages import REFERENCE, Pages, differences, parser_of, renewed, write
 
 from smarttac_can.canopen.conformance.case import DeviceDescription, Result
 from smarttac_can.canopen.conformance.examiner import Examiner
@@ -44,13 +54,21 @@ from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.instrument.nodes.device_node import DeviceNode
 
 ROOT = Path(__file__).resolve().parents[2]
+sys.path.append(str(ROOT / "tests"))  # its scripted devices are data of the page, too
+from faulty_devices import FAULTS  # noqa: E402 - found only now
+
 EDS = ROOT / "tests" / "eds" / "rich.eds"
 NODE_ID = 5
 TIME_OUT_S = 0.5
 FRAMES = 4
 """Last frames of a failed case that the data keep."""
-NOT_RUN = ("CANopenNode", "lely-core", "gocanopen")
-"""Stacks that have to be built first; 'smarttac conform' judges a device of them on any bus."""
+BUILT: Final = ("CANopenNode", "lely-core", "gocanopen")
+"""Stacks that have to be built first, judged with --stack by those who have."""
+VERDICTS = REFERENCE / "verdicts.json"
+PAGE = REFERENCE / "conformance.md"
+LETTERS = "ABCDEF"
+Verdicts = dict[str, Any]
+"""Verdicts on one device, as the data keep them."""
 
 
 def ours(text: str) -> list[Result]:
@@ -147,93 +165,237 @@ def _map(pdos: list[Any], od: ObjectDictionary, communication: int, mapping: int
 
 
 DEVICES: dict[str, Callable[[str], list[Result]]] = {
-    "`smarttac device`": ours,
-    f"python-canopen {version('canopen')}, `LocalNode`": python_canopen,
-    f"durand {version('durand')}, `MinimalNode`": with_durand,
+    "smarttac device": ours,
+    f"python-canopen {version('canopen')}, LocalNode": python_canopen,
+    f"durand {version('durand')}, MinimalNode": with_durand,
 }
+
+
+# Devices of stacks that somebody has built.
+
+
+@contextmanager
+def started(command: str) -> Iterator[None]:
+    """Keep a node running, which is started again whenever it ends."""
+    ending = Event()
+    nodes: list[subprocess.Popen[bytes]] = []
+
+    def run() -> None:
+        while not ending.is_set():
+            nodes.append(subprocess.Popen(shlex.split(command), stdout=subprocess.DEVNULL))
+            nodes[-1].wait()
+            ending.wait(PAUSE_S)
+
+    thread = Thread(target=run)
+    thread.start()
+    try:
+        ending.wait(START_S)
+        yield
+    finally:
+        ending.set()
+        nodes[-1].terminate()
+        thread.join()
+
+
+START_S, PAUSE_S = 1.0, 0.05
+
+
+def judged_stack(options: dict[str, Any]) -> Verdicts:
+    """Judge the node that a command line starts on a bus, by its EDS."""
+    eds, node_id = Path(options["eds"]), options["node_id"]
+    text = eds.read_text(encoding="latin-1")
+    with (
+        started(options["command"]),
+        closing(PythonCanBus(options["interface"], options["channel"])) as bus,
+    ):
+        examiner = Examiner(bus, DeviceDescription(text, node_id))
+        examiner.require_device()
+        return as_data(options["stack"], eds.name, run_cases(examiner, CASES))
+
+
+# The data: what each device did not pass.
+
+
+def rows(results: Iterable[Result]) -> list[dict[str, Any]]:
+    """Return the cases that did not pass: why, by which rule, and the last frames."""
+    return [
+        {
+            "case": result.case.number,
+            "verdict": result.verdict,
+            "why": result.reason,
+            "rule": result.case.rule,
+            "frames": list(result.trace[-FRAMES:]),
+        }
+        for result in results
+        if result.verdict != "pass"
+    ]
+
+
+def as_data(name: str, eds: str, results: list[Result]) -> Verdicts:
+    """Return the verdicts on a device as data."""
+    return {"device": name, "eds": eds, "cases": len(results), "not_passed": rows(results)}
+
+
+def deviations() -> list[dict[str, Any]]:
+    """Judge each scripted device by all cases; raise `ValueError` if it passes one it must fail."""
+    found = []
+    for name, fault in FAULTS.items():
+        results = fault.judge(" ".join(case.number for case in CASES))
+        failed = [row for row in rows(results) if row["verdict"] == "fail"]
+        by_rule = fault.fails.split()
+        if missing := set(by_rule) - {row["case"] for row in failed}:
+            raise ValueError(f"the scripted device '{name}' passes {', '.join(sorted(missing))}")
+        found.append(
+            {
+                "scripted_device": name,
+                "fails": [row for row in failed if row["case"] in by_rule],
+                "fails_too": [row for row in failed if row["case"] not in by_rule],
+            }
+        )
+    return found
+
+
+def all_devices(built: list[Verdicts]) -> list[Verdicts]:
+    """Judge the devices of this machine; those that somebody has built stay as they are."""
+    text = EDS.read_text(encoding="latin-1")
+    with ThreadPoolExecutor() as pool:
+        runs = {name: pool.submit(judge, text) for name, judge in DEVICES.items()}
+        return [as_data(name, EDS.name, run.result()) for name, run in runs.items()] + built
+
+
+# The page, which is made of the data alone.
+
+
 MARKS = {"pass": "", "fail": " fails", "not applicable": " n/a"}
 
 
-def fields(columns: dict[str, list[Result]]) -> dict[str, str | Iterable[str]]:
+def fields(devices: list[Verdicts], scripted: list[dict[str, Any]]) -> dict[str, Any]:
     """Return the fields of the page."""
-    rows = []
-    for letter, (name, results) in zip("ABC", columns.items(), strict=True):
-        counts = Counter(result.verdict for result in results)
-        rows.append((letter, name, *(str(counts[mark]) for mark in MARKS)))
-    head = ("", "device", "pass", "fail", "not applicable")
+    run = [device for device in devices if "cases" in device]
     return {
         "count": str(len(CASES)),
-        "rows": table(head, *rows),
+        "rows": device_table(devices),
         "refusals": refusal_table(),
-        "cases": case_tables(columns),
+        "answers": answer_table(run[1:]),
+        "scripted": str(len(scripted)),
+        "cases": case_tables(run, scripted),
     }
+
+
+def device_table(devices: list[Verdicts]) -> Iterator[str]:
+    """Return the devices, and how many cases each passed."""
+    letters = iter(LETTERS)
+    lines = []
+    for device in devices:
+        if "cases" not in device:
+            lines.append(("", device["device"], "", "not run", "", ""))
+            continue
+        counts = Counter(row["verdict"] for row in device["not_passed"])
+        fails, others = counts["fail"], counts["not applicable"]
+        passed = device["cases"] - fails - others
+        cells = (device["device"], device["eds"], str(passed), str(fails), str(others))
+        lines.append((next(letters), *cells))
+    return table(("", "device", "EDS", "pass", "fail", "not applicable"), *lines)
 
 
 def refusal_table() -> Iterator[str]:
     """Return the refusals of a device, and their abort codes."""
     head = ("Request", "Cases", "Accepted abort codes", "By")
-    rows = [
+    lines = [
         (row.what, row.cases, ", ".join(f"{code:08X}h" for code in row.codes), row.source)
         for row in REFUSALS
     ]
-    yield from table(head, *rows)
+    yield from table(head, *lines)
 
 
-def case_tables(columns: dict[str, list[Result]]) -> Iterator[str]:
-    """Return the cases of each group, and the devices that did not pass them."""
-    lines = zip(CASES, *columns.values(), strict=True)
-    for group, cases in groupby(lines, key=lambda line: line[0].group):
-        rows = []
-        for case, *results in cases:
-            marks = [
-                letter + MARKS[result.verdict]
-                for letter, result in zip("ABC", results, strict=True)
-                if result.verdict != "pass"
-            ]
-            lacks = ", ".join(marks).replace("B fails, C fails", "B, C fail")
-            rows.append((f"{case.number} {case.title}", case.rule, lacks))
-        yield from (f"## {GROUPS[group]}", "", *table(("Case", "Rule", "Not passed"), *rows))
+def answer_table(others: list[Verdicts]) -> Iterator[str]:
+    """Return the wrong answers of other stacks, each with its request.
 
-
-def pages(_draw: bool) -> Pages:
-    """Judge all devices, and return the page."""
-    logging.disable()  # the other devices report each refusal
-    text = EDS.read_text(encoding="latin-1")
-    with ThreadPoolExecutor() as pool:
-        runs = {name: pool.submit(judge, text) for name, judge in DEVICES.items()}
-        verdicts = {name: run.result() for name, run in runs.items()}
-    page = renewed(REFERENCE / "conformance.md", fields(verdicts))
-    return {**page, REFERENCE / "verdicts.json": corpus(verdicts)}
-
-
-def corpus(columns: dict[str, list[Result]]) -> str:
-    """Return what each device did not pass, as JSON: why, by which rule, and the last frames.
-
-    Devices that are only in `NOT_RUN` have no rows: nothing is said about a stack that did not run.
+    A service that a device lacks is no wrong answer, nor is an abort. The cases of OD ask many
+    entries: their last frames need not show the fault.
     """
-    devices = [
-        {
-            "device": name.replace("`", ""),
-            "eds": EDS.name,
-            "cases": len(results),
-            "not_passed": [
-                {
-                    "case": result.case.number,
-                    "verdict": result.verdict,
-                    "why": result.reason,
-                    "rule": result.case.rule,
-                    "frames": list(result.trace[-FRAMES:]),
-                }
-                for result in results
-                if result.verdict != "pass"
-            ],
-        }
-        for name, results in columns.items()
-    ]
-    missing = [{"device": name, "verdict": "not run"} for name in NOT_RUN]
-    return json.dumps([*devices, *missing], indent=1) + "\n"
+    lines = []
+    for device in others:
+        for row in device["not_passed"]:
+            asked = [frame for frame in row["frames"] if frame.startswith(">")]
+            answer = row["frames"][-1] if row["frames"] else ""
+            lacking = row["why"].startswith(("abort", "no ", "0 "))
+            if row["verdict"] != "fail" or row["case"].startswith("OD-") or not asked:
+                continue
+            if row["why"].startswith("no SDO response"):
+                answer = "< none"
+            elif lacking or answer.startswith(">"):
+                continue
+            cells = (row["case"], device["device"].split(",")[0], row["rule"], row["why"])
+            lines.append((*cells, f"`{asked[-1][2:]}`", f"`{answer[2:]}`"))
+    order = {case.number: place for place, case in enumerate(CASES)}
+    lines.sort(key=lambda line: order[line[0]])
+    return table(("Case", "Stack", "Rule", "Found", "Request", "Answer"), *lines)
+
+
+def case_tables(run: list[Verdicts], scripted: list[dict[str, Any]]) -> Iterator[str]:
+    """Return the cases of each group, the devices that did not pass them, and a deviation."""
+    verdicts = [{row["case"]: row["verdict"] for row in device["not_passed"]} for device in run]
+    for group, cases in groupby(CASES, key=lambda case: case.group):
+        lines = []
+        for case in cases:
+            marks: dict[str, list[str]] = {}
+            for letter, of_device in zip(LETTERS, verdicts, strict=False):
+                if case.number in of_device:
+                    marks.setdefault(of_device[case.number], []).append(letter)
+            lacks = "; ".join(
+                ", ".join(letters)
+                + MARKS[verdict].replace("fails", "fail" if letters[1:] else "fails")
+                for verdict, letters in marks.items()
+            )
+            least = min(
+                (s for s in scripted if case.number in [row["case"] for row in s["fails"]]),
+                key=lambda s: len(s["fails"]) + len(s["fails_too"]),
+            )
+            lines.append(
+                (f"{case.number} {case.title}", case.rule, lacks, least["scripted_device"])
+            )
+        head = ("Case", "Rule", "Not passed", "Fails for")
+        yield from (f"## {GROUPS[group]}", "", *table(head, *lines))
+
+
+def pages(stack: dict[str, Any] | None) -> Pages:
+    """Judge all devices of this machine or a stack, and return the page and its data."""
+    logging.disable()  # the other devices report each refusal
+    old = json.loads(VERDICTS.read_text(encoding="utf-8"))
+    devices: list[Verdicts] = old["devices"]
+    scripted: list[dict[str, Any]] = old["scripted_devices"]
+    if stack is None:
+        built = [device for device in devices if device["device"].startswith(BUILT)]
+        devices, scripted = all_devices(built), deviations()
+    else:
+        name = next(name for name in BUILT if stack["stack"].startswith(name))
+        place = next(n for n, d in enumerate(devices) if d["device"].startswith(name))
+        devices[place] = judged_stack(stack)
+    data = json.dumps({"devices": devices, "scripted_devices": scripted}, indent=1) + "\n"
+    return {**renewed(PAGE, fields(devices, scripted)), VERDICTS: data}
 
 
 def main() -> int:
     """Write the page, or compare it."""
-    return made(__doc__, pages)
+    parser = parser_of(__doc__)
+    parser.add_argument("--check", action="store_true", help="write nothing, compare")
+    of_stack = parser.add_argument_group("a stack that you have built")
+    of_stack.add_argument("--stack", metavar="NAME", help=f"begins with {', '.join(BUILT)}")
+    of_stack.add_argument("--eds", metavar="FILE")
+    of_stack.add_argument("--node-id", type=int)
+    of_stack.add_argument("--interface", default="socketcan")
+    of_stack.add_argument("--channel", default="vcan0")
+    of_stack.add_argument("--command", metavar="LINE")
+    options = parser.parse_args()
+    if options.stack and not options.stack.startswith(BUILT):
+        parser.error(f"--stack {options.stack}: begin with one of {', '.join(BUILT)}")
+    if options.stack and not (options.eds and options.node_id and options.command):
+        parser.error("--stack needs --eds, --node-id and --command")
+    new = pages(vars(options) if options.stack else None)
+    if options.check:
+        stale = differences(new)
+        print("\n".join(stale))
+        return 1 if stale else 0
+    write(new)
+    return 0

@@ -1,5 +1,8 @@
 """A device that breaks a rule fails the case of that rule; there is one for every case."""
 
+import json
+from pathlib import Path
+
 import pytest
 from altered_device import SDO, alter, drop, is_frame, judge
 from faulty_devices import FAULTS
@@ -17,6 +20,15 @@ def test_deviation_fails_the_case_of_its_rule(deviation: str) -> None:
 def test_every_case_is_failed_by_a_deviation() -> None:
     numbers = [number for fault in FAULTS.values() for number in fault.fails.split()]
     assert {case.number for case in CASES} == set(numbers)
+
+
+def test_verdicts_have_every_deviation() -> None:
+    path = Path(__file__).parents[3] / "docs" / "reference" / "verdicts.json"
+    devices = json.loads(path.read_text(encoding="utf-8"))["scripted_devices"]
+    found = {d["scripted_device"]: {row["case"] for row in d["fails"]} for d in devices}
+    assert found == {name: set(fault.fails.split()) for name, fault in FAULTS.items()}
+    for row in (row for d in devices for row in d["fails"] + d["fails_too"]):
+        assert row["why"], row["case"]
 
 
 def test_block_transfer_is_optional() -> None:
