@@ -10,7 +10,7 @@ from smarttac_can.bench.traces import Trace
 from smarttac_can.canopen.master.errors import BenchError, RefusedError
 from smarttac_can.canopen.od.cia import Abort, AbortCode
 from smarttac_can.canopen.od.entry import Entry
-from smarttac_can.canopen.od.units import Quantity
+from smarttac_can.canopen.od.units import EXACT, Quantity
 from smarttac_can.vocabulary.faults import FaultKind, value_range
 from smarttac_can.vocabulary.meanings import FAULT_KIND
 
@@ -104,7 +104,7 @@ def refused_write(
     if isinstance(raw, bytes):
         return RefusedError(f"cannot {write_action(entry, raw)}: {reason}", reason.code)
     if value is None:
-        number = Decimal(str(raw)) * entry.unit.number
+        number = EXACT.multiply(Decimal(str(raw)), entry.unit.number)
         value = Given(entry.name, Quantity(number, entry.unit.symbol))
     name, (number, symbol) = value
     if not entry.low <= raw <= entry.high:

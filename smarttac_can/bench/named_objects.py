@@ -216,7 +216,7 @@ class NamedObjects:
             If the value is not finite, or has a unit of another kind.
         """
         entry = find_number(self._od, name)
-        return float(_nearest(entry, self._given(name, value)) * entry.unit.number)
+        return float(entry.unit.times(_nearest(entry, self._given(name, value)), entry.unit.symbol))
 
     def _write(self, name: str, raw: int, value: Given | None = None) -> None:
         """Write a raw value; a refusal has the words of who gave it, and says if it is armed."""

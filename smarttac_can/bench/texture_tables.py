@@ -114,7 +114,7 @@ class SampleError(ValueError):
 def cof_bounds() -> tuple[float, float]:
     """Return the lowest and the highest COF that a stimulator plays, from its EDS."""
     entry = stimulator_od()["Setpoint.COF left"]
-    low, high = (float(int(bound) * entry.unit.number) for bound in (entry.low, entry.high))
+    low, high = (float(entry.unit.times(int(n), "")) for n in (entry.low, entry.high))
     return low, high
 
 

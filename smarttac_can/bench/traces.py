@@ -7,14 +7,12 @@ columns of the CSV file and of the data frame, and of the channels of a recordin
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import json
 import re
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from decimal import Decimal
 from functools import cached_property
 from html import escape
 from importlib.util import find_spec
@@ -603,10 +601,11 @@ def _cells(counts: Integers, column: Column) -> list[str]:
     there = np.ones(len(counts), np.bool_)
     if column.needs:
         there = _integers(counts, column.needs) != 0
-    return [
-        f"{Decimal(count).scaleb(-column.decimals):f}" if one else ""
-        for count, one in zip(counts[:, at].tolist(), there.tolist(), strict=True)
-    ]
+    digits = column.decimals
+    texts = [f"{count:0{digits + 1 + (count < 0)}}" for count in counts[:, at].tolist()]
+    if digits:
+        texts = [f"{text[:-digits]}.{text[-digits:]}" for text in texts]
+    return [text if one else "" for text, one in zip(texts, there.tolist(), strict=True)]
 
 
 def _rows(first: str, lines: Iterator[str], skipped: int) -> Iterator[tuple[str, str, list[int]]]:
@@ -623,8 +622,9 @@ def _rows(first: str, lines: Iterator[str], skipped: int) -> Iterator[tuple[str,
     """
     known = first.rstrip() == FORMAT
     columns, header = (COLUMNS, HEADER) if known else (_COLUMNS_1, _HEADER_1)
-    reader = csv.reader(lines if known else chain([first], lines), quoting=csv.QUOTE_NONE)
-    if tuple(next(reader, ())) != header:
+    # Not by the module csv: how long its cells may be is a setting that any code may change.
+    rows = (line.rstrip("\r\n").split(",") for line in (lines if known else chain([first], lines)))
+    if tuple(next(rows, ())) != header:
         names = ",".join(header)
         raise ValueError(
             f"line {2 + skipped} is not {names}"
@@ -635,8 +635,7 @@ def _rows(first: str, lines: Iterator[str], skipped: int) -> Iterator[tuple[str,
         re.compile(r"-?\d+" + (rf"\.\d{{{c.decimals}}}" if c.decimals else ""), re.ASCII)
         for c in columns
     ]
-    for fields in reader:
-        line = known + skipped + reader.line_num
+    for line, fields in enumerate(rows, known + skipped + 2):
         if len(fields) != len(header):
             raise ValueError(f"line {line} has {len(fields)} of {len(header)} fields")
         experiment, subject, *texts = fields

@@ -17,6 +17,7 @@ from smarttac_can.canopen.od import cia
 from smarttac_can.canopen.od.data_types import REAL, SIGNED
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import BitField, Entry
+from smarttac_can.canopen.od.units import EXACT
 
 
 class Names(NamedTuple):
@@ -180,7 +181,7 @@ def _signal(entry: Entry, name: str, start: int, bits: int, receivers: list[str]
 
 def _scaled(raw: float, size: Decimal) -> float:
     """Scale a limit without the rounding of binary fractions; keep a whole number as int."""
-    value = Decimal(raw) * size
+    value = EXACT.multiply(int(raw), size)
     return int(value) if value == value.to_integral_value() else float(value)
 
 

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from decimal import Decimal
+from decimal import ROUND_HALF_EVEN, Context, Decimal, DivisionByZero, InvalidOperation, Overflow
 from math import inf
 from typing import Any, Final, NamedTuple, Self
 
@@ -30,6 +30,18 @@ _SYMBOLS: Final = {
     for base in ("m", "s", "V", "A", "N", "Hz", "K", "W", "J", "Pa", "Ohm", "rad", "g")
 } | {"cm": ("m", -2), "degC": ("degC", 0), "1": ("", 0), "%": ("", -2), "ppm": ("", -6)}
 """Base unit of each symbol, empty for a pure number, and its power of ten."""
+EXACT: Final = Context(
+    prec=28,
+    rounding=ROUND_HALF_EVEN,
+    Emin=-999_999,
+    Emax=999_999,
+    capitals=1,
+    clamp=0,
+    flags=[],
+    traps=[DivisionByZero, InvalidOperation, Overflow],
+)
+"""Context of all decimal arithmetic: that of the thread is the caller's, who may have set it
+to three digits."""
 _LONGEST: Final = 40
 """Most characters inside the brackets."""
 _QUANTITY: Final = re.compile(r"([+-]?[0-9]+(?:\.[0-9]+)?(?:[eE][+-]?[0-9]{1,3})?)\s*(.*)")
@@ -63,7 +75,7 @@ class Quantity(NamedTuple):
     @property
     def si(self) -> float:
         """Value in SI base units (V, m, s, N, degC ...)."""
-        return float(self.number.scaleb(_meaning(self.symbol)[0]))
+        return float(EXACT.scaleb(self.number, _meaning(self.symbol)[0]))
 
     def over(self, other: Quantity) -> float:
         """Return the ratio to another quantity, as the nearest float.
@@ -77,7 +89,8 @@ class Quantity(NamedTuple):
         other_ten, other_kind = _meaning(other.symbol)
         if kind != other_kind:
             raise ValueError(f"{other.symbol!r} is not a unit like {self.symbol or 1}")
-        return float((self.number / other.number).scaleb(ten - other_ten))
+        ratio = EXACT.divide(self.number, other.number)
+        return float(EXACT.scaleb(ratio, ten - other_ten))
 
     def in_unit(self, symbol: str) -> float:
         """Return the value in another unit, as the nearest float; raises ValueError as `over`."""
@@ -106,7 +119,7 @@ class Quantity(NamedTuple):
         self.in_unit(symbol)
         exponent = int(self.number.as_tuple().exponent)
         ten = exponent + _meaning(self.symbol)[0] - _meaning(symbol)[0]
-        mantissa = int(self.number.scaleb(-exponent))
+        mantissa = int(EXACT.scaleb(self.number, -exponent))
         return counts * mantissa * 10 ** max(ten, 0) / 10 ** max(-ten, 0)
 
 

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 from smarttac_can.canopen.od.data_types import SIGNED, UNSIGNED
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import Entry
-from smarttac_can.canopen.od.units import Quantity
+from smarttac_can.canopen.od.units import EXACT, Quantity
 from smarttac_can.vocabulary.states import LAWS, Mode
 
 VOLTAGE_MAX: Final = 200.0
@@ -118,7 +118,7 @@ def _require_range(entry: Entry, cap: Cap) -> None:
         ("DefaultValue", entry.default),
     ):
         if not 0 <= raw <= most:
-            shown, highest = (count * cap.unit.number for count in (int(raw), most))
+            shown, highest = (EXACT.multiply(n, cap.unit.number) for n in (int(raw), most))
             raise ValueError(
                 f"{entry.name} has the {what} {shown:f} {cap.unit.symbol}"
                 f", outside the hard cap 0..{highest:f} {cap.unit.symbol}"
