@@ -13,7 +13,6 @@ slower, and names the line of what it refuses.
 
 from __future__ import annotations
 
-import csv
 import re
 import warnings
 from array import array
@@ -30,6 +29,7 @@ import numpy as np
 import numpy.typing as npt
 
 from smarttac_can.canopen.master.errors import BenchError
+from smarttac_can.host.files import cells as cells_of
 from smarttac_can.host.files import in_words, open_regular, too_large
 
 Floats = npt.NDArray[np.float64]
@@ -42,6 +42,8 @@ _SMALL_BYTES: Final = 1 << 18
 """Smaller files are read before pandas would be imported."""
 _CHUNK_ROWS: Final = 1 << 17
 _SHOWN: Final = 40
+_MOST_LINES: Final = 100
+"""Most lines of a cell in quotes."""
 _SEPARATORS: Final = ("\t", ";", ",", "|", " ")
 """What is tried, in this order; the blank stands for any white space."""
 MISSING: Final = frozenset(
@@ -231,7 +233,7 @@ def _decoded(path: Path, head: bytes, encoding: str) -> str:
 def _split(line: str, separator: str) -> list[str]:
     if separator == " ":
         return line.split()
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])]
+    return cells_of(line, separator) or []
 
 
 def _header(
@@ -468,13 +470,17 @@ def _rows(path: Path, file: TextIOWrapper, layout: _Layout) -> Iterator[tuple[in
             if row := line.split():
                 yield number, row
         return
-    reader = csv.reader(file, delimiter=layout.separator, skipinitialspace=True)
-    try:
-        for row in reader:
-            if any(cell.strip() for cell in row) or len(row) > 1:
-                yield layout.skipped + reader.line_num, row
-    except csv.Error as error:
-        raise ValueError(f"{path}: line {layout.skipped + reader.line_num}: {error}") from error
+    lines = enumerate(file, layout.skipped + 1)
+    for first, line in lines:
+        number, text, found = first, line, cells_of(line, layout.separator)
+        while found is None:
+            number, more = next(lines, (number, ""))
+            if not more or number - first > _MOST_LINES:
+                raise ValueError(f"{path}: line {first}: a cell in quotes has no end")
+            text += more
+            found = cells_of(text, layout.separator)
+        if any(found) or len(found) > 1:
+            yield number, found
 
 
 def _number(text: str, comma: bool) -> float | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import errno
 import os
 import re
@@ -10,6 +9,7 @@ import stat
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import cache
 from io import BufferedReader, BufferedWriter, FileIO, StringIO, TextIOWrapper
 from pathlib import Path
 from secrets import token_hex
@@ -105,6 +105,35 @@ def too_large(path: Path, most: int) -> OSError:
     return OSError(errno.EFBIG, f"is larger than {most} bytes", str(path))
 
 
+def cells(text: str, separator: str = ",") -> list[str] | None:
+    """Return the cells of a row of a CSV file; None if one in quotes does not end in this text.
+
+    The module `csv` is not used: how long its cells may be is a setting that any code in the
+    process may change.
+    """
+    row = text.rstrip("\r\n")
+    if '"' not in row:
+        return [cell.strip() for cell in row.split(separator)] if row.strip() else []
+    found, end = [], 0
+    while cell := _cell(separator).match(row, end):
+        quoted, behind, plain, border = cell.groups()
+        found.append((plain if quoted is None else quoted.replace('""', '"') + behind).strip())
+        if not border:
+            return found
+        end = cell.end()
+    return None
+
+
+@cache
+def _cell(separator: str) -> re.Pattern[str]:
+    other = f"[^{re.escape(separator)}]*"
+    return re.compile(
+        rf' *(?:"((?:[^"]|"")*+)"({other})|((?! *"){other}))({re.escape(separator)}|\Z)', re.DOTALL
+    )
+
+
+_LONGEST_CELL: Final = 100
+"""Most characters of a number in a CSV file."""
 Ranges = Mapping[str, tuple[float, float]]
 """Names of columns, with the least and the largest number in each."""
 
@@ -122,22 +151,26 @@ def read_numbers(
         As `read_bounded`.
     """
     text = read_bounded(path, most_bytes).decode("utf-8-sig", errors="replace")
-    rows = csv.reader(StringIO(text, newline=""))
+    header, *lines = StringIO(text, newline=None).readlines() or [""]
+    number = 1
     try:
-        if [name.strip() for name in next(rows, [])] != list(ranges):
+        if cells(header) != list(ranges):
             raise ValueError(f"the header is not {','.join(ranges)}")
-        for count, row in enumerate(rows):
-            if count == most_rows:
+        for number, line in enumerate(lines, 2):
+            if number > most_rows + 1:
                 raise ValueError(f"there are more than {most_rows} rows")
+            row = cells(line) or []
             if len(row) != len(ranges):
                 raise ValueError(f"{len(row)} fields are not the {len(ranges)} of the header")
-            yield rows.line_num, list(map(_number, row, ranges.items()))
-    except (ValueError, csv.Error) as error:
-        raise ValueError(f"{path}: line {max(rows.line_num, 1)}: {error}") from error
+            yield number, list(map(_number, row, ranges.items()))
+    except ValueError as error:
+        raise ValueError(f"{path}: line {number}: {error}") from error
 
 
 def _number(text: str, column: tuple[str, tuple[float, float]]) -> float:
     name, (low, high) = column
+    if len(text) > _LONGEST_CELL:
+        raise ValueError(f"{name} has {len(text)} characters, above {_LONGEST_CELL}")
     try:
         number = float(text)
     except ValueError:

@@ -249,7 +249,7 @@ def test_a_plan_is_read(tmp_path: Path) -> None:
         (HEAD + "200,61,0,0\n", "angle_deg 61 is outside 0..60"),
         (HEAD + "200,0,0,39\n", "x_mm 39 is outside -38..38"),
         (HEAD + "1,0,0,0\n" * 101, "line 102: there are more than 100 rows"),
-        (HEAD + '"' + ("a" * 150 + "\n") * 1000, "line [0-9]+: field larger than field limit"),
+        (HEAD + '"' + ("a" * 150 + "\n") * 1000, "line 2: 0 fields are not the 4 of the header"),
     ],
 )
 def test_calibration_plan_refuses_malformed_rows(text: str, message: str, tmp_path: Path) -> None:

@@ -103,6 +103,13 @@ def test_encodings_are_found_by_the_names(
     assert texture.cof(X) == pytest.approx(MU, abs=2e-4)
 
 
+def test_a_quote_that_is_never_closed_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "lab.csv"
+    path.write_text(f'x,mu,why\n{lines().replace(chr(10), ",a" + chr(10))}11,0.3,"b\n{lines()}')
+    with pytest.raises(ValueError, match=r"line 403: a cell in quotes has no end$"):
+        Texture.from_csv(path, position="x", cof="mu")
+
+
 @pytest.mark.parametrize("encoding", ["cp1252", "utf-8", "utf-16"])
 def test_micrometres_are_read_in_each_encoding(encoding: str, tmp_path: Path) -> None:
     path = tmp_path / "lab.csv"

@@ -148,7 +148,7 @@ CASES: dict[str, tuple[tuple[str, ...], Callable[[Path], object], int, str]] = {
         (*SOME, "--finger"),
         text(f"{HEADER}0,0,{'1' * 7_000_000}\n"),
         8 * MIB,
-        "line 2: field larger than field limit (131072)",
+        "line 2: Fn_N has 7000000 characters, above 100",
     ),
     "7 million fields": (
         (*SOME, "--finger"),

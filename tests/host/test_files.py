@@ -99,6 +99,21 @@ def test_every_reader_is_bounded(tmp_path: Path) -> None:
             read(path)
 
 
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("1, 2 ,3\r\n", ["1", "2", "3"]),
+        ('"a, ""b""", 5" tube,"c"d,\n', ['a, "b"', '5" tube', "cd", ""]),
+        ('1,"2\n3",4', ["1", "2\n3", "4"]),
+        ('1,"2""\n', None),
+        ('"1""2', None),
+        (" \n", []),
+    ],
+)
+def test_cells_of_a_row_may_be_in_quotes(text: str, found: list[str] | None) -> None:
+    assert files.cells(text) == found
+
+
 def test_storage_refuses_parameters_it_could_not_read_again(tmp_path: Path) -> None:
     storage = StorageFile(tmp_path / "kept")
     storage.write(bytes(4 << 20))
