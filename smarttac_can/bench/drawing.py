@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Final
 
 import matplotlib as mpl
+import matplotlib.style
+from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, FigureBase
 
@@ -47,17 +49,29 @@ _FORMATS: Final[dict[str, dict[str, Any]]] = {
 }
 
 
+def style() -> AbstractContextManager[None]:
+    """Return a block in the style of the report, whatever the caller or a matplotlibrc has set."""
+    return matplotlib.style.context(STYLE, after_reset=True)
+
+
 class Picture(Figure):
     """A figure that a notebook shows as the last value of a cell, without pyplot."""
 
+    def draw(self, renderer: RendererBase) -> None:
+        """Draw all parts; those that are made only now, such as ticks, are in the style, too."""
+        with style():
+            super().draw(renderer)
+
     def _repr_png_(self) -> bytes:
-        return rendered(self)["png"]
+        file = BytesIO()
+        save_as(self, file, "png")
+        return file.getvalue()
 
 
 @contextmanager
 def canvas(width: float, height: float) -> Iterator[Figure]:
     """Create a figure without a window, with a size in inches, in the style of the report."""
-    with mpl.rc_context(STYLE):
+    with style():
         figure = Picture(figsize=(width, height), layout="constrained")
         FigureCanvasAgg(figure)
         yield figure
@@ -66,6 +80,8 @@ def canvas(width: float, height: float) -> Iterator[Figure]:
 @contextmanager
 def drawn_into(given: FigureBase | None, width: float, height: float) -> Iterator[FigureBase]:
     """Draw into a figure, or a new `canvas` if it is None, in the style of the report.
+
+    What this style does not say, as the width of ticks, is the caller's choice in a given figure.
 
     Raises
     ------
@@ -84,13 +100,16 @@ def drawn_into(given: FigureBase | None, width: float, height: float) -> Iterato
 
 def rendered(figure: Figure) -> dict[str, bytes]:
     """Return a figure as PNG and SVG, by the name of the format; always the same bytes."""
-    pictures = {}
-    with mpl.rc_context(STYLE):
-        for name, options in _FORMATS.items():
-            file = BytesIO()
-            figure.savefig(file, format=name, **options)
-            pictures[name] = file.getvalue()
-    return pictures
+    pictures = {name: BytesIO() for name in _FORMATS}
+    for name, file in pictures.items():
+        save_as(figure, file, name)
+    return {name: file.getvalue() for name, file in pictures.items()}
+
+
+def save_as(figure: Figure, file: Path | BytesIO, name: str) -> None:
+    """Save a figure in a format of matplotlib; PNG and SVG have always the same bytes."""
+    with style():
+        figure.savefig(file, format=name, **_FORMATS.get(name, {}))
 
 
 def save(figure: Figure, path: Path) -> None:

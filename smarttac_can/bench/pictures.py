@@ -127,8 +127,8 @@ def _opener(start: bytes) -> Callable[[Any], ImageFile] | None:
 
 
 def _row(picture: ImageFile, row: int) -> npt.NDArray[np.float64]:
+    from PIL import Image, ImageOps  # noqa: PLC0415
     from PIL import ImageFile as settings  # noqa: PLC0415, N813
-    from PIL import ImageOps  # noqa: PLC0415
 
     if settings.LOAD_TRUNCATED_IMAGES:
         raise _RefusedError(
@@ -138,14 +138,21 @@ def _row(picture: ImageFile, row: int) -> npt.NDArray[np.float64]:
     turned = picture.format != "TIFF" and picture.getexif().get(_ORIENTATION, 1) != 1
     # The luma of a JPEG is what it stores; red, green and blue would be rounded from it.
     picture.draft("L", None)
-    picture.load()
+    try:
+        picture.load()
+    except Image.DecompressionBombError:  # of a TIFF only
+        raise _RefusedError(
+            f"has more pixels than PIL.Image.MAX_IMAGE_PIXELS, which is set to "
+            f"{Image.MAX_IMAGE_PIXELS}; set it to {MAX_PIXELS}"
+        ) from None
     shown = ImageOps.exif_transpose(picture) if turned else picture
     width, height = shown.size
     if width > MAX_WIDTH:
         raise _RefusedError(f"is {width} pixels wide, above {MAX_WIDTH}; make it smaller")
     if not 0 <= row < height:
         raise _RefusedError(f"row {row} is outside 0..{height - 1}")
-    strip = shown.crop((0, row, width, row + 1))
+    # Not by `crop`, which minds the limit of pixels that any other code may set.
+    strip = shown.resize((width, 1), Image.Resampling.NEAREST, (0, row, width, row + 1))
     if strip.mode in ("P", "RGB", "YCbCr"):
         coded = np.asarray(strip.convert("RGB"), dtype=np.float64)[0] @ _LUMA
     else:

@@ -78,8 +78,9 @@ class Recording:
         self._metadata = {**dict.fromkeys(METADATA, ""), **own_metadata(metadata)}
         self._link = link
         self._od = od
-        self.path = path
-        self._raw = raw
+        # The working folder may be another one at the end.
+        self.path = path.absolute()
+        self._raw = None if raw is None else raw.absolute()
         self._stop = stop
         self.summary: Summary | None = None
         self.raw_note = ""

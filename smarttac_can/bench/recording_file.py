@@ -166,7 +166,7 @@ def make_recording(
         with replacing(path) as part, _Disk(part, path, log) as disk:
             frames = RecordedFrames(reader.head, at_hand)
             try:
-                with h5py.File(disk, "w") as file:
+                with h5py.File(disk, "w", track_order=False) as file:
                     summary = _write(file, reader, frames, disk.check)
             finally:
                 # The error of the disk is the cause, not what HDF5 raises after reading back.
@@ -349,8 +349,10 @@ def _describe(
 ) -> None:
     own = ods[int(head["node_id"])]
     file.attrs["format"] = FORMAT
-    for name in ("version", "created", "where", "node_id", "clocked"):
+    for name in ("version", "created", "where", "node_id"):
         file.attrs[name] = _storable(head[name])
+    # How HDF5 names True is a setting of h5py, as is the order of members where it is not given.
+    file.attrs["clocked"] = int(head["clocked"])
     # Logs of version 0.1.0 and before have no metadata.
     given = head.get("metadata", {})
     for name in METADATA:
@@ -366,7 +368,7 @@ def _describe(
     ]
     _table(file, "settings", _Setting, settings)
     file["settings"].attrs["description"] = "as the recording began; calibration among them"
-    group = file.create_group("object_dictionaries")
+    group = file.create_group("object_dictionaries", track_order=False)
     for node_id, od in ods.items():
         group[f"node_{node_id}"] = od.text
 

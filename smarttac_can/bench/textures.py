@@ -493,8 +493,10 @@ class Texture:
     def save_figure(self, path: Path | str) -> None:
         """Save the figure as PNG or SVG, by the suffix; raises BenchError as `figure` does."""
         figure = self.figure()
+        from smarttac_can.bench.drawing import save_as  # noqa: PLC0415 - as in figure
+
         with in_words(path):
-            figure.savefig(Path(path))
+            save_as(figure, Path(path), Path(path).suffix[1:].lower() or "png")
 
 
 def _levels(low: float, high: float) -> tuple[float, float]:

@@ -241,8 +241,13 @@ def test_settings_of_pillow_change_no_texture(
     path = tmp_path / "grey.png"
     samples = grey(8)
     path.write_bytes(png(samples, 8))
-    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 20)
+    (tmp_path / "grey.tif").write_bytes(tiff(samples, 8))
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 1)
     assert read_row(path, 1) == pytest.approx(samples[1] / 255)
+    with pytest.raises(
+        ValueError, match=r"PIL\.Image\.MAX_IMAGE_PIXELS, which is set to 1; set it"
+    ):
+        read_row(tmp_path / "grey.tif", 1)
     monkeypatch.setattr(ImageFile, "LOAD_TRUNCATED_IMAGES", True)
     with pytest.raises(ValueError, match=r"grey\.png: PIL\.ImageFile\.LOAD_TRUNCATED_IMAGES is se"):
         read_row(path, 1)

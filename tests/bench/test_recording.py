@@ -552,7 +552,7 @@ def test_refused_raw_logs_leave_nothing(tmp_path: Path) -> None:
                 pass
     with (
         Stimulator.simulate("local") as bench,
-        pytest.raises(BenchError, match=r"there is no bus whose frames could go to raw\.asc"),
+        pytest.raises(BenchError, match=r"there is no bus whose frames could go to .*raw\.asc"),
         bench.record(tmp_path / "run.h5", raw="raw.asc"),
     ):
         pass

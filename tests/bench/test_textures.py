@@ -201,7 +201,7 @@ def test_a_picture_before_it_is_played(texture: Texture, end: str, tmp_path: Pat
 
 
 def test_a_picture_on_a_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(*_: object) -> None:
+    def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("matplotlib.figure.Figure.savefig", full)
