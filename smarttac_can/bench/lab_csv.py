@@ -54,7 +54,9 @@ _WORDS: Final = sorted({*MISSING, *map(str.upper, MISSING), "NaN", "Null", "None
 _COMMENT: Final = re.compile(r"^\s*[#%]+\s*")
 _NUMBER: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _COMMA: Final = re.compile(r"[-+]?(\d{1,3}(\.\d{3})+|\d*),\d+([eE][-+]?\d+)?", re.ASCII)
-_UNIT: Final = re.compile(r"^(.*?)\s*(?:\[([^\]]*)\]|\(([^)]*)\)|\s/\s*(\S+))$")
+_UNIT: Final = re.compile(r"^(.*?)\s*(?:[\[［]([^\]］]*)[\]］]|[(（]([^)）]*)[)）]|\s/\s*(\S+))$")
+_LAST: Final = re.compile(r"(.+?)\s*[_\s,/]\s*([^_\s,/]+)")
+"""A name, and the last word in it, which may be a unit: ``x_mm``, ``x/mm``, ``x in mm``."""
 _JAPANESE: Final = re.compile("[぀-ヿ一-鿿]{2}|[｡-ﾟ]{3}")
 """Two signs of Japanese in a row: in one, as in Temp駻ature, cp932 meets cp1252."""
 _OWN: Final = ("chunksize", "iterator", "index_col", "usecols", "dtype", "engine", "nrows")
@@ -297,6 +299,8 @@ def _no_column(lines: Sequence[str], wanted: Sequence[str], separators: Sequence
             if score > best:
                 best, shown = score, (number, cells)
     number, cells = shown
+    if best[0] < 0:
+        return f"no line of the first {_HEAD_BYTES // 1024} KiB has the columns {', '.join(wanted)}"
     missing = next((name for name in wanted if name not in {*cells, *map(_base, cells)}), wanted[0])
     return f"line {number}: there is no column {missing!r} among {', '.join(cells)}"
 
@@ -384,7 +388,7 @@ def _pieces(
             for chunk in reader:
                 piece = np.empty((len(at), len(chunk)))
                 for row, (label, name) in enumerate(zip(at, wanted, strict=True)):
-                    piece[row] = _numbers(chunk[label], name, rows)
+                    piece[row] = _numbers(chunk[label], name, rows, options.get("decimal") == ",")
                 pieces.append(piece)
                 rows += len(chunk)
     except pandas.errors.EmptyDataError:
@@ -395,13 +399,19 @@ def _pieces(
     return pieces, rows
 
 
-def _numbers(column: Any, name: str, before: int) -> Floats:
-    """Return a column of pandas as numbers; raise _UnclearError for the first cell that is none."""
+def _numbers(column: Any, name: str, before: int, comma: bool = False) -> Floats:
+    """Return a column of pandas as numbers; raise _UnclearError for the first cell that is none.
+
+    With a decimal comma a number with a point is none: 1.234 may be 1234.
+    """
     if getattr(column.dtype, "kind", "O") not in "iuf":
         import pandas  # noqa: PLC0415 - it made the column
 
         numbers = pandas.to_numeric(column, errors="coerce")
-        wrong = np.flatnonzero(np.asarray(numbers.isna() & column.notna()))
+        none = numbers.isna()
+        if comma:
+            none |= column.astype(str).str.contains(".", regex=False)
+        wrong = np.flatnonzero(np.asarray(none & column.notna()))
         if len(wrong) or getattr(column.dtype, "kind", "O") == "b":
             at = int(wrong[0]) if len(wrong) else 0
             raise _UnclearError(
@@ -590,18 +600,27 @@ def size_of(name: str, unit: str, kind: Mapping[str, float]) -> float | None:
     name
         Name of the column, whose end may be a unit, as in ``x_mm``.
     unit
-        What was found in brackets or in a row of units; what is no unit at all is passed over.
+        What was found in brackets or in a row of units.
     kind
         Units of the wanted kind, such as `LENGTHS_MM`.
 
     Raises
     ------
     ValueError
-        If it is a unit of another kind.
+        If it is a unit of another kind, or of a length or time and not known. Of a force or a ratio
+        it may be a remark, as in ``mu (filtered)``.
     """
     if unit in kind:
         return kind[unit]
+    what = next(word for units, word in _WHAT if units is kind)
     if unit in UNITS:
-        what = next(word for units, word in _WHAT if units is kind)
         raise ValueError(f"column {name!r} is in {unit}, which is no {what}")
-    return kind.get(name.rpartition("_")[2]) if "_" in name else None
+    if unit and (kind is LENGTHS_MM or kind is TIMES_S):
+        raise ValueError(
+            f"column {name!r} has the unit {unit!r}, which is no known {what}: give unit=, and "
+            "scale= with the factor to it"
+        )
+    last = _LAST.fullmatch(name)
+    if last is None or last[0] in ("F_N", "f_N"):  # the normal force
+        return None
+    return kind.get(last[2])

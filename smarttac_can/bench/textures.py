@@ -621,10 +621,10 @@ class Recorded:
             except ValueError as error:
                 raise ValueError(f"{found.source}: {error}") from None
         forces = [size for (_, kind), size in zip(wanted, sizes, strict=True) if kind is FORCES_N]
-        if None in forces and any(forces):
+        if None in forces and (any(forces) or len({*found.units[1:]} - {""}) > 1):
             raise ValueError(
-                f"{found.source}: the unit of only one of {' and '.join(found.names[1:])} is "
-                "known: name the other with its unit, as in 'Fz [N]'"
+                f"{found.source}: the units of {' and '.join(found.names[1:])} are not both known: "
+                "name both with their units, as in 'Fz [N]'"
             )
         factors = [self.scale.get(name, 1.0) for name, _ in wanted]
         return found, [factor * (size or 1.0) for factor, size in zip(factors, sizes, strict=True)]

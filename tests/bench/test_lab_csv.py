@@ -128,7 +128,25 @@ def test_forces_are_brought_to_one_unit(tmp_path: Path) -> None:
     texture = Texture.from_csv(path, position="x", lateral="Fx", normal="Fz")
     assert texture.cof(X) == pytest.approx(MU, abs=2e-4)
     path.write_text("x,Fx,Fz [N]\n" + "".join(f"{x},{mu},1\n" for x, mu in ROWS))
-    with pytest.raises(ValueError, match=r"the unit of only one of Fx and Fz is known: name the o"):
+    with pytest.raises(ValueError, match=r"the units of Fx and Fz are not both known: name bo"):
+        Texture.from_csv(path, position="x", lateral="Fx", normal="Fz")
+
+
+@pytest.mark.parametrize("name", ["x_cm", "x/cm", "x in cm", "x, cm", "Weg cm", "x（cm）"])
+def test_unit_at_the_end_of_a_name_is_taken(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "lab.csv"
+    rows = "".join(f"{float(x) / 10:.5f};{mu}\n" for x, mu in ROWS)
+    path.write_text(f"{name};mu\n{rows}", "utf-8")
+    assert Texture.from_csv(path, position=name, cof="mu").cof(X) == pytest.approx(MU, abs=2e-4)
+
+
+def test_names_of_forces_are_no_units(tmp_path: Path) -> None:
+    path = tmp_path / "forces.csv"
+    path.write_text("x,F_T,F_N\n" + "".join(f"{x},{mu},1\n" for x, mu in ROWS))
+    texture = Texture.from_csv(path, position="x", lateral="F_T", normal="F_N")
+    assert texture.cof(X) == pytest.approx(MU, abs=2e-4)
+    path.write_text("x,Fx [lbf],Fz [kp]\n" + "".join(f"{x},{mu},1\n" for x, mu in ROWS))
+    with pytest.raises(ValueError, match=r"the units of Fx and Fz are not both known"):
         Texture.from_csv(path, position="x", lateral="Fx", normal="Fz")
 
 
@@ -155,6 +173,13 @@ def test_negative_compression_is_said_and_scaled(tmp_path: Path) -> None:
         ("x,mu\n1,0.3\n2,True\n", "line 3: column 'mu': 'True' is no finite number"),
         ("x,mu\ns,-\n1,0.3\n", "column 'x' is in s, which is no length"),
         ("x (N),mu\n1,0.3\n", "column 'x' is in N, which is no length"),
+        (
+            "x [in],mu\n1,0.3\n",
+            "column 'x' has the unit 'in', which is no known length: give unit=",
+        ),
+        ("x,mu\nturns,-\n1,0.3\n", "column 'x' has the unit 'turns', which is no known length"),
+        ("x;mu\n1.234;0,3\n2.345;0,3\n", "line 2: column 'x': '1.234' is no finite number with"),
+        ("#\n" * 40_000 + "x,mu\n", "no line of the first 64 KiB has the columns x, mu"),
         ("t;y\n1;2\n", "line 1: there is no column 'x' among t, y"),
         ("logger\nv 2\n\nt;mu\n1;2\n", "line 4: there is no column 'x' among t, mu"),
         ("x,mu\n1,0.3\n2,\n3,0.3\n", "2 rows with numbers are fewer than the 10 of a texture ove"),
