@@ -27,7 +27,8 @@ from smarttac_can.canopen.device.device import Device
 from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.device.nmt import NMTState
 from smarttac_can.canopen.master import requests
-from smarttac_can.canopen.od.cia import COB_INVALID, LSS_MASTER_ID, UNCONFIGURED, NMTCommand
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import NMTCommand
 from smarttac_can.instrument.nodes.device_node import DeviceNode
 
 NODE_ID: Final = 0x20
@@ -217,7 +218,7 @@ def rpdo(can_id: int, value: int) -> Frame:
 
 def moved(can_id: int) -> list[Frame]:
     """Give RPDO 1 another identifier, for which it is switched off in between."""
-    return [requests.download(NODE_ID, COB_ID, raw) for raw in (can_id | COB_INVALID, can_id)]
+    return [requests.download(NODE_ID, COB_ID, raw) for raw in (can_id | cia.COB_INVALID, can_id)]
 
 
 def enter(line: Line, node: DeviceNode, state: NMTState) -> None:
@@ -267,9 +268,9 @@ def test_rpdo_right_after_a_reset(line: Line, lockstep: bool) -> None:
 
 @pytest.mark.parametrize("lockstep", [False, True])
 def test_sdo_right_after_the_first_node_id(line: Line, lockstep: bool) -> None:
-    node = DeviceNode(Device(read_once(RICH, NODE_ID), node_id=UNCONFIGURED))
+    node = DeviceNode(Device(read_once(RICH, NODE_ID), node_id=cia.UNCONFIGURED))
     line.run(node, lockstep=lockstep)
     until(lambda: node.ids.heard != frozenset())
     commands = ((0x04, 1), (0x11, NODE_ID), (0x04, 0))
-    lss = [Frame(LSS_MASTER_ID, bytes(command).ljust(8, b"\0")) for command in commands]
+    lss = [Frame(cia.LSS_MASTER_ID, bytes(command).ljust(8, b"\0")) for command in commands]
     assert value_after(line, *lss, START, rpdo(RPDO_ID, 7)) == 7

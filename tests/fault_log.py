@@ -16,22 +16,8 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from smarttac_can.canopen.device.frame import Frame
-from smarttac_can.canopen.od.cia import (
-    BOOT_UP,
-    CAN_ID_MASK,
-    EMCY_ID,
-    FRAME_BYTES,
-    HEARTBEAT_ID,
-    NMT_ID,
-    PDO_COB_ID,
-    RPDO_COMMUNICATION,
-    RPDO_MAPPING,
-    SYNC_ID,
-    TPDO_COMMUNICATION,
-    TPDO_MAPPING,
-    EmergencyCode,
-    NMTCommand,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import EmergencyCode, NMTCommand
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.eds import load_eds
 from smarttac_can.canopen.od.timing import frame_bits
@@ -139,7 +125,7 @@ def verify_rows(
     claims = _claims(rows)
     _require_hold(claims)
     signs = [Signs(stimulator, plate, inside=inside) for inside in (False, True)]
-    measured = plate.number(TPDO_COMMUNICATION, PDO_COB_ID) & CAN_ID_MASK
+    measured = plate.number(cia.TPDO_COMMUNICATION, cia.PDO_COB_ID) & cia.CAN_ID_MASK
     fields = not_shown = 0
     rest = parts(frames)
     for claim in claims:
@@ -188,7 +174,7 @@ class _Shown:
             raise claim.differs(
                 f"the log has no frame at injected_at_s {claim.injected * 1e-6:.6f}"
             )
-        if all(frame.can_id != SYNC_ID for _, frame in self._before):
+        if all(frame.can_id != cia.SYNC_ID for _, frame in self._before):
             raise claim.differs("the log has no SYNC before the fault")
         self._require_stage()
 
@@ -223,7 +209,7 @@ class _Shown:
             word = signs.status.read(frame)
             if word is not None and known_state(word) is not State.RUNNING:
                 break
-            cycles += frame.can_id == SYNC_ID
+            cycles += frame.can_id == cia.SYNC_ID
         return (
             cycles >= _RUN_CYCLES
             and signs.last(signs.mode, frames) == self._claim.mode
@@ -254,7 +240,7 @@ class _Shown:
 
     def _follow_sync(self, time: int, frame: Frame, shown: bool) -> bool:
         """Return whether the log has shown the stage since the last SYNC."""
-        if frame.can_id != SYNC_ID:
+        if frame.can_id != cia.SYNC_ID:
             return shown or self._signs.stage.read(frame) is not None
         if not shown:
             raise self._claim.differs(
@@ -335,7 +321,7 @@ class Signs:
     ) -> None:
         self.inside = inside
         self.owner = (stimulator if inside else plate).node_id
-        self.emcy_ids = (EMCY_ID + stimulator.node_id, EMCY_ID + plate.node_id)
+        self.emcy_ids = (cia.EMCY_ID + stimulator.node_id, cia.EMCY_ID + plate.node_id)
         self.status = _sent(stimulator, 1, "Statusword")
         self.mode = _sent(stimulator, 1, "Mode display")
         self.stage = (
@@ -343,21 +329,21 @@ class Signs:
             if inside
             else _sent(plate, 4, "Stage.Voltage")
         )
-        self.drive = find_field(plate, RPDO_COMMUNICATION, RPDO_MAPPING, "Drive.Voltage")
+        self.drive = find_field(plate, cia.RPDO_COMMUNICATION, cia.RPDO_MAPPING, "Drive.Voltage")
         self.volt = plate["Stage.Voltage"].si
 
     def emergency(self, frame: Frame) -> int:
         """Return the code of an emergency message of either node; 0 for any other frame."""
-        if frame.can_id not in self.emcy_ids or len(frame.data) != FRAME_BYTES:
+        if frame.can_id not in self.emcy_ids or len(frame.data) != cia.FRAME_BYTES:
             return 0
         return int.from_bytes(frame.data[:2], "little")
 
     def gone(self, frame: Frame) -> bool:
         """Return whether a frame shows that the stage's owner is not OPERATIONAL, so at 0 V."""
-        if frame.can_id == NMT_ID and len(frame.data) == _NMT_BYTES:
+        if frame.can_id == cia.NMT_ID and len(frame.data) == _NMT_BYTES:
             command, node_id = frame.data
             return command != NMTCommand.START and node_id in (0, self.owner)
-        return frame.can_id == HEARTBEAT_ID + self.owner and frame.data == BOOT_UP
+        return frame.can_id == cia.HEARTBEAT_ID + self.owner and frame.data == cia.BOOT_UP
 
     def driven(self, frame: Frame) -> bool | None:
         """Return True for a stage with a voltage, False for 0 V, None if not shown by the frame."""
@@ -368,7 +354,7 @@ class Signs:
             status = self.status.read(frame)
             off = status is not None and not status & Status.DRIVING
         else:
-            own = frame.can_id == EMCY_ID + self.owner
+            own = frame.can_id == cia.EMCY_ID + self.owner
             off = self.drive.read(frame) == 0 or (own and self.emergency(frame) in _WENT_OFF)
         return False if off or self.gone(frame) else None
 
@@ -379,7 +365,7 @@ class Signs:
 
 
 def _sent(od: ObjectDictionary, number: int, name: str) -> Field:
-    return find_field(od, TPDO_COMMUNICATION + number - 1, TPDO_MAPPING + number - 1, name)
+    return find_field(od, cia.TPDO_COMMUNICATION + number - 1, cia.TPDO_MAPPING + number - 1, name)
 
 
 def cycles_to_zero(signs: Signs, before: Sequence[Stamped], after: Sequence[Stamped]) -> int | None:
@@ -396,7 +382,7 @@ def cycles_to_zero(signs: Signs, before: Sequence[Stamped], after: Sequence[Stam
     fresh = False
     for cycle, frame in _in_cycles(signs, before, after):
         driven = signs.driven(frame)
-        if frame.can_id == SYNC_ID:
+        if frame.can_id == cia.SYNC_ID:
             fresh = False
         elif driven:
             zero, fresh = None, False
@@ -415,7 +401,7 @@ def _in_cycles(
     from another follow at once. So a frame after an idle bus belongs to the next cycle, and so does
     the stage of a plate inside, which is sent at the beginning of a cycle.
     """
-    sync = max(time for time, frame in before if frame.can_id == SYNC_ID)
+    sync = max(time for time, frame in before if frame.can_id == cia.SYNC_ID)
     end = before[-1][0]
     cycle, begun = 0, False
     for time, frame in after:
@@ -425,7 +411,7 @@ def _in_cycles(
             or (signs.inside and frame.can_id == signs.stage.can_id)
         )
         end = time
-        if frame.can_id == SYNC_ID:
+        if frame.can_id == cia.SYNC_ID:
             cycle += _ticks(time - sync)
             sync, begun = time, False
             yield cycle, frame
@@ -475,7 +461,7 @@ def find_field(od: ObjectDictionary, communication: int, mapping: int, name: str
         If the PDO does not map the object.
     """
     wanted = od[name]
-    can_id = od.number(communication, PDO_COB_ID) & CAN_ID_MASK
+    can_id = od.number(communication, cia.PDO_COB_ID) & cia.CAN_ID_MASK
     mapped = [od.number(mapping, place) for place in range(1, od.number(mapping) + 1)]
     size = sum(value & 0xFF for value in mapped) // 8
     first = 0

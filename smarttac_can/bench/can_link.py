@@ -38,18 +38,7 @@ from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.device.nmt import NMTState
 from smarttac_can.canopen.master.errors import BenchError, BusLostError
 from smarttac_can.canopen.master.requests import asked, download, downloaded, written
-from smarttac_can.canopen.od.cia import (
-    BOOT_UP,
-    EMCY_ID,
-    EVENT_MANUFACTURER,
-    HEARTBEAT_ID,
-    LAST_NODE_ID,
-    PDO_TRANSMISSION,
-    SDO_RX_ID,
-    SDO_TX_ID,
-    SYNC_ID,
-    TPDO_COMMUNICATION,
-)
+from smarttac_can.canopen.od import cia
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.host.drivers import opening, unknown_options
@@ -72,7 +61,7 @@ _TICK: Final = RECORDED.index("Contact.Tick")
 Receiver = Callable[[int, bytearray, float], None]
 _ANSWERED_S: Final = 0.25
 """Time in s in which another bench, if there is one, has answered."""
-_EVERY_CYCLE: Final = bytes((EVENT_MANUFACTURER,))
+_EVERY_CYCLE: Final = bytes((cia.EVENT_MANUFACTURER,))
 _SETTLE_S: Final = 0.1
 """Time in s in which all frames after the last SYNC have arrived."""
 _EVENT_S: Final = 0.25
@@ -117,9 +106,9 @@ def open_can_link(
     truth("lockstep", lockstep)
     if not isinstance(interface, str | None):
         raise ValueError(f"interface {said(interface)} is no name")
-    node_id = integer("node_id", node_id, 1, LAST_NODE_ID)
+    node_id = integer("node_id", node_id, 1, cia.LAST_NODE_ID)
     if plate_node_id is not None:
-        plate_node_id = integer("plate_node_id", plate_node_id, 1, LAST_NODE_ID)
+        plate_node_id = integer("plate_node_id", plate_node_id, 1, cia.LAST_NODE_ID)
     if timeout is not None:
         timeout = within("timeout", timeout, 0, _MOST_WAIT_S, "s")
     _refuse_misspelt(interface, options)
@@ -225,7 +214,7 @@ class CanLink:
         self._time_is_right = not lockstep
         self._services = {
             service + device.od.node_id
-            for service in (EMCY_ID, SDO_TX_ID, SDO_RX_ID, HEARTBEAT_ID)
+            for service in (cia.EMCY_ID, cia.SDO_TX_ID, cia.SDO_RX_ID, cia.HEARTBEAT_ID)
             for device in self._devices
         }
         self._listen()
@@ -448,7 +437,7 @@ class CanLink:
     def _listen(self) -> None:
         """Set the filter of the kernel to the frames that are needed here."""
         if self._threaded:
-            heartbeat = HEARTBEAT_ID + bench_id(self._stimulator.od.node_id)
+            heartbeat = cia.HEARTBEAT_ID + bench_id(self._stimulator.od.node_id)
             receive_only(
                 self._network.bus, {*self._network.subscribers, heartbeat}.union(*self._heard)
             )
@@ -464,7 +453,7 @@ class CanLink:
             self._alone.require_open()
             with self.turn:
                 try:
-                    self._network.send_message(SYNC_ID, b"")
+                    self._network.send_message(cia.SYNC_ID, b"")
                 except can.CanError as error:
                     text = f"cannot produce SYNC: the bus has failed: {error}"
                     raise BusLostError(text) from error
@@ -632,11 +621,12 @@ class EveryCycle:
         self._device = device
         self.numbers = numbers
         self._types = [
-            device.od.entry(TPDO_COMMUNICATION + number - 1, PDO_TRANSMISSION) for number in numbers
+            device.od.entry(cia.TPDO_COMMUNICATION + number - 1, cia.PDO_TRANSMISSION)
+            for number in numbers
         ]
         self._at = {(entry.index, entry.subindex): entry for entry in self._types}
         self._undone: set[Entry] = set()
-        services = (HEARTBEAT_ID, SDO_RX_ID, SDO_TX_ID)
+        services = (cia.HEARTBEAT_ID, cia.SDO_RX_ID, cia.SDO_TX_ID)
         self._services = {service + device.od.node_id for service in services}
         self._tapped = ExitStack()
         self._before: list[int] = []
@@ -672,8 +662,8 @@ class EveryCycle:
 
     def _take(self, entry: Entry) -> int:
         kind = int(self._device.read(entry))
-        self._device.write(entry, EVENT_MANUFACTURER)
-        if kind != EVENT_MANUFACTURER:
+        self._device.write(entry, cia.EVENT_MANUFACTURER)
+        if kind != cia.EVENT_MANUFACTURER:
             return kind
         # Another bench needs it, or a killed bench has left it so.
         self._others.set()
@@ -704,7 +694,7 @@ class EveryCycle:
         """Answer other benches that ask, and set again the types that others have changed."""
         node_id, undone = self._device.od.node_id, self._undone
         frame = Frame(can_id, data)
-        if can_id == HEARTBEAT_ID + node_id and data == BOOT_UP:
+        if can_id == cia.HEARTBEAT_ID + node_id and data == cia.BOOT_UP:
             self._ask_for(self._types)
         elif request := written(frame, node_id):
             entry = self._at.get(request.address)
@@ -724,7 +714,7 @@ class EveryCycle:
         if self._ends:
             return
         for entry in entries:
-            frame = download(self._device.od.node_id, entry, EVENT_MANUFACTURER)
+            frame = download(self._device.od.node_id, entry, cia.EVENT_MANUFACTURER)
             # The next transfer of the bench reports a failed bus.
             with suppress(can.CanError):
                 self._network.send_message(frame.can_id, frame.data)

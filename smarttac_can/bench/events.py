@@ -12,7 +12,7 @@ from smarttac_can.bench.given import stays_in_process, within
 from smarttac_can.bench.link import Link, Row
 from smarttac_can.canopen.device.nmt import state_text
 from smarttac_can.canopen.master.errors import BenchError
-from smarttac_can.canopen.od.cia import EMCY_ID, HEARTBEAT_ID, LAST_NODE_ID
+from smarttac_can.canopen.od import cia
 from smarttac_can.host.process_signals import interrupt_waits
 from smarttac_can.vocabulary.meanings import emergency_text, spoken
 from smarttac_can.vocabulary.states import State, known_state, state_in
@@ -141,7 +141,7 @@ class Events:
             left -= max(len(rows), 1)
 
     def _hear(self, can_id: int, data: bytes) -> None:
-        service, node_id = can_id & ~LAST_NODE_ID, can_id & LAST_NODE_ID
+        service, node_id = can_id & ~cia.LAST_NODE_ID, can_id & cia.LAST_NODE_ID
         if can_id == self._carrier.can_id:
             layout = self._carrier.layout
             if len(data) == layout.size:
@@ -150,10 +150,10 @@ class Events:
                 before, self._state = self._state, state
                 if state is not None and state is not before:
                     self._waiting.put(Event(self._node_id, "state", spoken(state), state))
-        elif service == EMCY_ID and (code := int.from_bytes(data[:2], "little")):
+        elif service == cia.EMCY_ID and (code := int.from_bytes(data[:2], "little")):
             self._waiting.put(Event(node_id, "fault", emergency_text(code)))
-        elif service == HEARTBEAT_ID and data:
-            shown = data[0] & LAST_NODE_ID
+        elif service == cia.HEARTBEAT_ID and data:
+            shown = data[0] & cia.LAST_NODE_ID
             if self._nmt.get(node_id, shown) != shown or not shown:  # a boot-up is always an event
                 self._waiting.put(Event(node_id, "heartbeat", state_text(shown)))
             self._nmt[node_id] = shown

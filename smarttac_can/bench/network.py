@@ -19,7 +19,7 @@ from smarttac_can.bench.link import Hear
 from smarttac_can.canopen.bus.local_bus import LocalBus
 from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.master.errors import BenchError
-from smarttac_can.canopen.od.cia import CAN_ID_MASK
+from smarttac_can.canopen.od import cia
 from smarttac_can.host.background import Background
 from smarttac_can.host.drivers import opening
 from smarttac_can.host.files import reason
@@ -28,7 +28,7 @@ from smarttac_can.host.python_can import configured, hears_others_of_process, op
 
 _Tap = tuple[Container[int], Hear]
 """Identifiers, and the function that receives frames with one of them."""
-ALL: Final = range(CAN_ID_MASK + 1)
+ALL: Final = range(cia.CAN_ID_MASK + 1)
 """All identifiers."""
 _LOOK_S: Final = 0.02
 _SETTLED_S: Final = 1.0

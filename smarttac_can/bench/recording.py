@@ -18,7 +18,7 @@ from smarttac_can.bench.link import Link, PublishedPdo
 from smarttac_can.bench.recorded_frames import TICK
 from smarttac_can.bench.recording_file import METADATA, Summary, make_recording, require_new
 from smarttac_can.canopen.master.errors import BenchError, RefusedError
-from smarttac_can.canopen.od.cia import IDENTITY, MANUFACTURER_FIRST, PROFILE_FIRST
+from smarttac_can.canopen.od import cia
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.host.files import reason
 from smarttac_can.host.frame_log import FrameLog
@@ -250,7 +250,7 @@ class Recording:
         }
 
     def _identity(self) -> dict[str, Any]:
-        numbers = [e for e in self._od.objects[IDENTITY].entries.values() if e.subindex]
+        numbers = [e for e in self._od.objects[cia.IDENTITY].entries.values() if e.subindex]
         identity: dict[str, Any] = {e.name: self._link.read(e.name) for e in numbers}
         return identity | {name: self._link.read(name) for name in _NAMES}
 
@@ -259,7 +259,7 @@ class Recording:
         settings = {}
         for entry in self._od:
             settable = entry.readable and entry.writable and isinstance(entry.default, int)
-            manufacturers = MANUFACTURER_FIRST <= entry.index < PROFILE_FIRST
+            manufacturers = cia.MANUFACTURER_FIRST <= entry.index < cia.PROFILE_FIRST
             if settable and manufacturers and not entry.name.startswith(_INPUT):
                 with suppress(RefusedError):
                     settings[entry.name] = self._link.read(entry.name)

@@ -33,7 +33,8 @@ from smarttac_can.canopen.bus.local_bus import LocalBus
 from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.master.errors import BenchError, RefusedError
 from smarttac_can.canopen.master.requests import download, downloaded, downloading
-from smarttac_can.canopen.od.cia import EMCY_ID, FRAME_BYTES, Abort, AbortCode, ErrorRegister
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import Abort, AbortCode, ErrorRegister
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.eds import load_eds
 from smarttac_can.canopen.od.entry import Entry
@@ -441,9 +442,9 @@ class LocalLink:
                 if not status or data != before:
                     yield Frame(pdo.can_id, data)
         known, self._latched = self._latched, self._block.supervisor.latched
-        can_id = EMCY_ID + self._block.od.node_id
+        can_id = cia.EMCY_ID + self._block.od.node_id
         for _ in watchdogs_in(known & ~self._latched):
-            yield Frame(can_id, bytes(FRAME_BYTES))
+            yield Frame(can_id, bytes(cia.FRAME_BYTES))
         for watchdog in watchdogs_in(self._latched & ~known):
             row = WATCHDOGS[watchdog]
             register = row.register | ErrorRegister.GENERIC

@@ -39,9 +39,7 @@ from smarttac_can.bench.status import plate_of, read_status, supervised
 from smarttac_can.bench.watch.listener import Listener
 from smarttac_can.bench.watch.watcher import Watcher
 from smarttac_can.canopen.device.nmt import UNKNOWN
-from smarttac_can.canopen.od.cia import (
-    HEARTBEAT_CONSUMER,
-)
+from smarttac_can.canopen.od import cia
 from smarttac_can.cli.shared import (
     OLD_FILE,
     FiniteRange,
@@ -127,8 +125,8 @@ def _cure_of_silence(at: StimulatorChoice, timeout: float) -> Iterator[None]:
                     if not watch.heard:
                         error.add_note(
                             f"node {watch.node_id} is supervised and silent: start it again, or "
-                            f"write 0 to {HEARTBEAT_CONSUMER:X}h sub-index {watch.entry} of node "
-                            f"{at.node_id}, or reset node {at.node_id} (NMT)"
+                            f"write 0 to {cia.HEARTBEAT_CONSUMER:X}h sub-index {watch.entry} of "
+                            f"node {at.node_id}, or reset node {at.node_id} (NMT)"
                         )
         raise
 

@@ -40,7 +40,7 @@ from smarttac_can.canopen.conformance.run import (
     unexpected,
 )
 from smarttac_can.canopen.master.errors import NodeNotFoundError
-from smarttac_can.canopen.od.cia import STORE_EDS
+from smarttac_can.canopen.od import cia
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.eds import (
     COMMISSIONING,
@@ -367,7 +367,7 @@ def save(
     the DCF as a comment; the exit code is then 1.
     """
     with reporting(json_file) as write_results, ExitStack() as stack:
-        name = f"{STORE_EDS:X}h" if eds is None else eds.name
+        name = f"{cia.STORE_EDS:X}h" if eds is None else eds.name
         text = "" if eds is None else read_eds_file(eds)
         network = stack.enter_context(closing_network(bus))
         if eds is None:

@@ -20,7 +20,8 @@ from smarttac_can.canopen.bus.bus import BusError, QueueFullError
 from smarttac_can.canopen.commissioning.dcf import find_entry
 from smarttac_can.canopen.device.device import Device
 from smarttac_can.canopen.device.nmt import NMTState
-from smarttac_can.canopen.od.cia import COMMUNICATION_LAST, UNCONFIGURED, Abort
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import Abort
 from smarttac_can.canopen.od.data_types import REAL
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.eds_check import check_pdos
@@ -168,7 +169,7 @@ class StateLines(Observer):
     @property
     def _title(self) -> str:
         node_id = self._device.node_id
-        return f"{self._name} {'without node-ID' if node_id == UNCONFIGURED else node_id}"
+        return f"{self._name} {'without node-ID' if node_id == cia.UNCONFIGURED else node_id}"
 
     @property
     def _double(self) -> str:
@@ -665,7 +666,7 @@ def _answer(od: ObjectDictionary, file: Path) -> None:
             entry = find_entry(od, name)
             if not isinstance(entry.default, int | float) or not callable(function):
                 raise ValueError(f"{name} is no number, or its answer no function")
-            if entry.writable or entry.index <= COMMUNICATION_LAST:
+            if entry.writable or entry.index <= cia.COMMUNICATION_LAST:
                 raise ValueError(f"{name} is writable, or of CiA 301: answer a read-only object")
             entry.compute(partial(_bounded, entry, function, od))
 

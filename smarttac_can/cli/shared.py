@@ -26,7 +26,7 @@ from smarttac_can.bench.traces import require_matplotlib
 from smarttac_can.canopen.bus.bus import BusError
 from smarttac_can.canopen.device.storage import begins_as_image
 from smarttac_can.canopen.master.errors import BenchError
-from smarttac_can.canopen.od.cia import IDENTITY, UNCONFIGURED
+from smarttac_can.canopen.od import cia
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.eds import EDSError, load_eds, node_id_of, read_sections
 from smarttac_can.host.drivers import opening, unknown_options
@@ -232,7 +232,7 @@ def _own_identities() -> frozenset[tuple[int, int]]:
 
 def _kind(od: ObjectDictionary) -> tuple[int, int]:
     """Return vendor-ID and product code."""
-    return od.number(IDENTITY, 1), od.number(IDENTITY, 2)
+    return od.number(cia.IDENTITY, 1), od.number(cia.IDENTITY, 2)
 
 
 def is_ours(od: ObjectDictionary) -> bool:
@@ -257,8 +257,8 @@ def load_own(
     ObjectDictionary
         Objects of the device.
     int or None
-        Node-ID of the user or the DCF, which overrides a stored one; `UNCONFIGURED` for a device
-        that waits for LSS; None for the stored node-ID, or else the default.
+        Node-ID of the user or the DCF, which overrides a stored one; `cia.UNCONFIGURED` for a
+        device that waits for LSS; None for the stored node-ID, or else the default.
 
     Raises
     ------
@@ -274,7 +274,7 @@ def load_own(
         raise click.UsageError(
             f"--unconfigured has no node-ID, but {file} is the DCF of node {own}: give its EDS"
         )
-    return od, UNCONFIGURED if unconfigured else own
+    return od, cia.UNCONFIGURED if unconfigured else own
 
 
 def _storage(

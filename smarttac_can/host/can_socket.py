@@ -28,7 +28,7 @@ from can.interfaces.udp_multicast import UdpMulticastBus
 
 from smarttac_can.canopen.bus.bus import BusError, QueueFullError
 from smarttac_can.canopen.device.frame import Frame
-from smarttac_can.canopen.od.cia import CAN_ID_MASK, FRAME_BYTES
+from smarttac_can.canopen.od import cia
 from smarttac_can.host.kernel_filter import drop
 
 try:
@@ -100,11 +100,11 @@ class SocketCan:
         if len(data) != self.size:
             return None
         can_id, size, payload = self._STRUCT.unpack(data)
-        if can_id <= CAN_ID_MASK:
+        if can_id <= cia.CAN_ID_MASK:
             return Frame(can_id, payload[:size])
         # Extended and error frames have a higher bit set.
         can_id &= ~self._REMOTE
-        return Frame(can_id, b"", True) if can_id <= CAN_ID_MASK else None
+        return Frame(can_id, b"", True) if can_id <= cia.CAN_ID_MASK else None
 
 
 class _Multicast:
@@ -162,7 +162,7 @@ class _Multicast:
         if data.startswith(self._BEGIN) and data.endswith(self._TAIL):
             end = len(data) - len(self._TAIL)
             # Frames of the loop have 8 bytes in a cycle, and SYNC has none.
-            for begin in (end - FRAME_BYTES, end):
+            for begin in (end - cia.FRAME_BYTES, end):
                 can_id = self._known.get(data[self._AFTER_TIME : begin])
                 if can_id is not None:
                     return Frame(can_id, data[begin:end])

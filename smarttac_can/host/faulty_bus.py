@@ -12,7 +12,7 @@ from smarttac_can.canopen.bus.bus import LogHook, QueueFullError
 from smarttac_can.canopen.bus.local_bus import Connection, LocalBus, Wire
 from smarttac_can.canopen.bus.node import HostedNode, is_overtaken, without_queue
 from smarttac_can.canopen.device.frame import Frame
-from smarttac_can.canopen.od.cia import CAN_ID_MASK, SYNC_ID
+from smarttac_can.canopen.od import cia
 from smarttac_can.host.outbox import Outbox
 from smarttac_can.vocabulary.signals import TICK_US
 
@@ -34,8 +34,8 @@ class FrameFault(Enum):
 
 def require_can_id(can_id: int) -> None:
     """Raise ValueError unless an identifier has 11 bits."""
-    if not 0 <= can_id <= CAN_ID_MASK:
-        raise ValueError(f"identifier {can_id:X}h is outside 0h..{CAN_ID_MASK:X}h")
+    if not 0 <= can_id <= cia.CAN_ID_MASK:
+        raise ValueError(f"identifier {can_id:X}h is outside 0h..{cia.CAN_ID_MASK:X}h")
 
 
 @dataclass(frozen=True, slots=True)
@@ -432,14 +432,14 @@ class FaultyBus(LocalBus):
         self._room = max(0, self._tick - self._babble_time)
 
         def answer(frame: Frame) -> list[Frame]:
-            return [self._babble] * frames if frame.can_id == SYNC_ID else []
+            return [self._babble] * frames if frame.can_id == cia.SYNC_ID else []
 
         self._babbler = Connection(self, answer, None, False)
         self._add(self._babbler)
 
     def has_room(self, frame: Frame) -> bool:
         """Return whether a frame still fits into this cycle, and count it."""
-        if self._babbler is None or frame.can_id in (SYNC_ID, self._babble.can_id):
+        if self._babbler is None or frame.can_id in (cia.SYNC_ID, self._babble.can_id):
             return True
         if frame.can_id < self._babble.can_id:
             return True

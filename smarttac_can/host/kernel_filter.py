@@ -13,7 +13,7 @@ import can
 from can.interfaces.socketcan import SocketcanBus
 from can.interfaces.udp_multicast import UdpMulticastBus
 
-from smarttac_can.canopen.od.cia import CAN_ID_MASK
+from smarttac_can.canopen.od import cia
 
 _ID_KEY: Final = b"\xaearbitration_id"
 """Key of the identifier in a frame of udp_multicast, a map in MessagePack."""
@@ -41,7 +41,7 @@ _DROP: Final[_Row] = (_RETURN, 0, 0, 0)
 _CAN_RAW: Final = 101
 _CAN_RAW_FILTER, _CAN_RAW_JOIN_FILTERS = 1, 6
 _EXTENDED, _INVERTED = 1 << 31, 1 << 29
-_OF_11_BITS: Final = _EXTENDED | CAN_ID_MASK
+_OF_11_BITS: Final = _EXTENDED | cia.CAN_ID_MASK
 
 
 def receive_only(bus: can.BusABC, can_ids: Iterable[int]) -> None:
@@ -59,7 +59,7 @@ def receive_only(bus: can.BusABC, can_ids: Iterable[int]) -> None:
     heard = sorted(can_ids)
     if isinstance(bus, SocketcanBus):
         filters: can.typechecking.CanFilters = [
-            {"can_id": can_id, "can_mask": CAN_ID_MASK, "extended": False} for can_id in heard
+            {"can_id": can_id, "can_mask": cia.CAN_ID_MASK, "extended": False} for can_id in heard
         ]
         bus.set_filters(filters if len(heard) <= _MOST_IDS else None)
     elif _has_programs(bus):

@@ -16,7 +16,7 @@ from typing import Any, Final, TextIO
 import can
 
 from smarttac_can.canopen.device.frame import Frame
-from smarttac_can.canopen.od.cia import FRAME_BYTES
+from smarttac_can.canopen.od import cia
 from smarttac_can.host.can_socket import to_frame
 from smarttac_can.host.files import open_regular
 from smarttac_can.host.frame_log import is_frame_log
@@ -57,7 +57,7 @@ def _candump(lines: Iterable[str]) -> Iterator[can.Message]:
         data = bytes.fromhex((found["bytes"] or found["packed"] or "").replace(".", ""))
         # Of a CAN FD frame candump shows the length with two digits.
         fd = found["fd"] is not None or len(found["size"] or "") > 1
-        if len(number) not in (3, 8) or len(data) > (FD_BYTES if fd else FRAME_BYTES):
+        if len(number) not in (3, 8) or len(data) > (FD_BYTES if fd else cia.FRAME_BYTES):
             raise ValueError(line)
         remote = bool(found["rtr"] or found["remote"])
         yield can.Message(

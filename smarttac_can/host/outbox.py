@@ -9,14 +9,14 @@ from typing import Final, Protocol
 from smarttac_can.canopen.bus.bus import QueueFullError
 from smarttac_can.canopen.bus.node import HostedNode
 from smarttac_can.canopen.device.frame import Frame
-from smarttac_can.canopen.od.cia import BOOT_UP, HEARTBEAT_ID, LAST_NODE_ID
+from smarttac_can.canopen.od import cia
 from smarttac_can.vocabulary.signals import TICK_US
 
 _MOST_WAITING: Final = 64
 """Most waiting frames that are not urgent, or emergency messages; then the oldest is dropped."""
 
 
-_ERROR_CONTROL: Final = range(HEARTBEAT_ID + 1, HEARTBEAT_ID + LAST_NODE_ID + 1)
+_ERROR_CONTROL: Final = range(cia.HEARTBEAT_ID + 1, cia.HEARTBEAT_ID + cia.LAST_NODE_ID + 1)
 
 
 class Taker(Protocol):
@@ -65,7 +65,7 @@ class Outbox:
             return
         urgent = self._node.ids.urgent
         for frame in frames:
-            if frame.data == BOOT_UP and frame.can_id in _ERROR_CONTROL:
+            if frame.data == cia.BOOT_UP and frame.can_id in _ERROR_CONTROL:
                 # Frames that still wait are from before the reset.
                 self._others.clear()
             if frame.can_id in urgent:

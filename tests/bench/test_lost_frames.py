@@ -15,7 +15,7 @@ from smarttac_can.bench.network import LocalNetwork
 from smarttac_can.canopen.bus.local_bus import Connection, LocalBus
 from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.master.errors import BenchError
-from smarttac_can.canopen.od.cia import SYNC_ID
+from smarttac_can.canopen.od import cia
 from smarttac_can.host.python_can import PythonCanBus
 
 
@@ -103,7 +103,7 @@ class SlowBus(PythonCanBus):
             before = len(frames)
             more = read(frames)
             for frame in list(frames)[before:]:
-                if frame.can_id == SYNC_ID:
+                if frame.can_id == cia.SYNC_ID:
                     self.syncs += 1
                     if self.syncs == 20:
                         time.sleep(1.5)

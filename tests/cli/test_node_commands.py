@@ -12,7 +12,7 @@ from smarttac_can.canopen.bus.bus import QueueFullError
 from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.device.storage import Memory
 from smarttac_can.canopen.master import requests
-from smarttac_can.canopen.od.cia import LSS_MASTER_ID
+from smarttac_can.canopen.od import cia
 from smarttac_can.canopen.od.eds import load_eds
 from smarttac_can.cli import nodes
 from smarttac_can.cli.nodes import Pace, StateLines, read_finger
@@ -441,7 +441,7 @@ def test_a_bit_rate_by_lss_is_left_to_whoever_runs_the_bus() -> None:
     node = Spoken("plate", PlateNode(plate_od()), said)
     said.clear()
     for command in ("04 01", "13 00 02", "15 00 00"):
-        node.receive(Frame(LSS_MASTER_ID, bytes.fromhex(command).ljust(8, b"\0")))
+        node.receive(Frame(cia.LSS_MASTER_ID, bytes.fromhex(command).ljust(8, b"\0")))
     assert said == [
         "plate 33 500 kbit/s by LSS: the bus here stays as it is, set its bit rate and restart"
     ]

@@ -24,7 +24,7 @@ from smarttac_can.bench import (
 )
 from smarttac_can.bench.recording_file import RecordedData
 from smarttac_can.canopen.device.storage import Memory
-from smarttac_can.canopen.od.cia import EMCY_ID
+from smarttac_can.canopen.od import cia
 from smarttac_can.canopen.od.eds import load_eds
 from smarttac_can.host.files import StorageFile, read_lines
 from smarttac_can.host.log_file import read_log
@@ -173,7 +173,7 @@ def test_stored_parameters_of_an_older_revision_are_refused(files: Path) -> None
     memory.write(data)
     node = StimulatorNode(stimulator_od(), plate_node_id=33, lockstep=True, storage=memory)
     sent = node.start()
-    assert [f.data[:2] for f in sent if f.can_id == EMCY_ID + node.od.node_id] == [b"\x30\x55"]
+    assert [f.data[:2] for f in sent if f.can_id == cia.EMCY_ID + node.od.node_id] == [b"\x30\x55"]
     assert node.od["Limit.Voltage"].value == node.od["Limit.Voltage"].default == 15_000
 
 

@@ -16,7 +16,7 @@ from smarttac_can.assurance.trials.fault_matrix import SocketCanWire, fault_matr
 from smarttac_can.assurance.trials.rig import Rig
 from smarttac_can.bench import HeartbeatLostError, Mode, Stimulator
 from smarttac_can.canopen.bus.bus import BusError
-from smarttac_can.canopen.od.cia import SYNC_ID
+from smarttac_can.canopen.od import cia
 from smarttac_can.vocabulary.states import State
 
 HOLD_CYCLES = 200
@@ -45,7 +45,7 @@ def test_frames_of_a_row_cross_the_bus_and_nobody_else_may_send() -> None:
         rig = Rig(wire=wire)
         rig.start()
         assert bus.recv(0) is not None
-        bus.send(can.Message(arbitration_id=SYNC_ID, is_extended_id=False))
+        bus.send(can.Message(arbitration_id=cia.SYNC_ID, is_extended_id=False))
         with pytest.raises(BusError, match="somebody else sends on vcan0"):
             rig.cycle()
 
@@ -81,7 +81,7 @@ def test_stimulator_process_paused_and_continued(nodes: tuple[NodeProcess, NodeP
     with connect(10.0) as bench, can.Bus(channel=CHANNEL, interface="socketcan") as bus:
         drive(bench, Mode.OPEN_LOOP)
         node.process.send_signal(signal.SIGSTOP)
-        sync = can.Message(arbitration_id=SYNC_ID, is_extended_id=False)
+        sync = can.Message(arbitration_id=cia.SYNC_ID, is_extended_id=False)
         for _ in range(4):
             bus.send(sync)
         assert stage_voltage() == 0, "the plate does not wait for the stimulator"

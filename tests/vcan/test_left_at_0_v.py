@@ -11,7 +11,7 @@ import pytest
 from processes import CHANNEL, GUARD_S, PLATE_ID, NodeProcess
 
 from smarttac_can.bench import HeartbeatLostError, Mode, Stimulator
-from smarttac_can.canopen.od.cia import SYNC_ID
+from smarttac_can.canopen.od import cia
 from smarttac_can.host.files import packaged_eds
 
 DEADLINE_CYCLES = 3
@@ -82,6 +82,6 @@ def test_stimulator_killed(plate: NodeProcess, stimulator: NodeProcess) -> None:
         assert stage_voltage() == 2000, "no time has passed for the plate"
         with can.Bus(channel=CHANNEL, interface="socketcan") as bus:
             for _ in range(DEADLINE_CYCLES):
-                bus.send(can.Message(arbitration_id=SYNC_ID, is_extended_id=False))
+                bus.send(can.Message(arbitration_id=cia.SYNC_ID, is_extended_id=False))
         assert stage_voltage() == 0
     assert plate.terminate() == 0

@@ -83,7 +83,7 @@ from smarttac_can.bench.traces import Trace
 from smarttac_can.canopen.bus.bus import BusError
 from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.master.errors import BenchError
-from smarttac_can.canopen.od.cia import EMCY_ID, PDO_EVENT, RPDO_COMMUNICATION, SDO_TX_ID
+from smarttac_can.canopen.od import cia
 from smarttac_can.canopen.od.eds import load_eds
 from smarttac_can.host.kernel_filter import receive_only
 from smarttac_can.vocabulary.signals import MEASUREMENT_RPDOS
@@ -101,7 +101,7 @@ STARTING_S, PARTING_S = 60.0, 10.0
 """Most time for the start and end of a run, and for a process that has been told to end."""
 LAG_MS = 20
 """By how much longer a standstill takes effect: a node that comes late hears its queue."""
-EMCY_IDS = frozenset(EMCY_ID + node_id for node_id in (PLATE_ID, STIMULATOR_ID))
+EMCY_IDS = frozenset(cia.EMCY_ID + node_id for node_id in (PLATE_ID, STIMULATOR_ID))
 RICH_EDS = ROOT / "tests" / "eds" / "rich.eds"
 DEVICE_ID = 5
 BARE_ID = 0x601
@@ -206,9 +206,9 @@ def received(pipe: Connection) -> Any:
 
 def deadlines() -> dict[str, int]:
     """Ask the nodes for the deadlines of measurement and drive in ms."""
-    index = RPDO_COMMUNICATION + MEASUREMENT_RPDOS[0] - 1
+    index = cia.RPDO_COMMUNICATION + MEASUREMENT_RPDOS[0] - 1
     with StageWatch(**BUS) as watch:
-        measurement = watch.read(STIMULATOR_ID, stimulator_od().entry(index, PDO_EVENT))
+        measurement = watch.read(STIMULATOR_ID, stimulator_od().entry(index, cia.PDO_EVENT))
         return {"measurement": measurement, "drive": watch.deadline_ms()}
 
 
@@ -301,7 +301,7 @@ def be_client(size: int, pipe: Connection) -> None:
         pipe.send(bare_rate())
         network.connect(**BUS)
         # It would hear itself and the loop as well, which is more than python-canopen can take.
-        receive_only(network.bus, [SDO_TX_ID + DEVICE_ID])
+        receive_only(network.bus, [cia.SDO_TX_ID + DEVICE_ID])
         sdo = network.add_node(DEVICE_ID, canopen.ObjectDictionary()).sdo
         sdo.RESPONSE_TIMEOUT = 2.0
         # It takes the answers to its own requests alone: the bench is a client of the node as well.

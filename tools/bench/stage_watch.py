@@ -12,16 +12,8 @@ from smarttac_can.canopen.bus.bus import QueueFullError
 from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.master import requests
 from smarttac_can.canopen.master.errors import BenchError
-from smarttac_can.canopen.od.cia import (
-    EMCY_ID,
-    ERROR_FIELD,
-    PDO_EVENT,
-    RPDO_COMMUNICATION,
-    RPDO_IDS,
-    SDO_RX_ID,
-    TPDO_IDS,
-    Abort,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import Abort
 from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.vocabulary.signals import MEASUREMENT_RPDOS
@@ -77,8 +69,10 @@ class StageWatch:
         self._bus = PythonCanBus(**bus)
         # Otherwise frames of the loop, or requests of others, fill the socket, and answers are
         # lost.
-        others = {base + node for base in (*TPDO_IDS, *RPDO_IDS, SDO_RX_ID) for node in _NODES}
-        self._bus.block(frozenset(others - {TPDO_IDS[0] + PLATE_ID}))
+        others = {
+            base + node for base in (*cia.TPDO_IDS, *cia.RPDO_IDS, cia.SDO_RX_ID) for node in _NODES
+        }
+        self._bus.block(frozenset(others - {cia.TPDO_IDS[0] + PLATE_ID}))
         self._ods = {PLATE_ID: plate_od(), STIMULATOR_ID: stimulator_od()}
         self._stage = self._ods[PLATE_ID]["Stage.Voltage"]
         self.emergencies: list[tuple[int, int]] = []
@@ -136,13 +130,13 @@ class StageWatch:
         Each entry is an emergency error code in the lower 16 bits, and the first two bytes of the
         manufacturer's part of the message above.
         """
-        history = self._ods[node_id].objects[ERROR_FIELD].entries
+        history = self._ods[node_id].objects[cia.ERROR_FIELD].entries
         number = self.read(node_id, history[0])
         return [self.read(node_id, history[place]) for place in range(1, number + 1)]
 
     def forget_errors(self, node_id: int) -> None:
         """Clear the error history of a node; raises as `read`."""
-        self.write(node_id, self._ods[node_id].entry(ERROR_FIELD, 0), 0)
+        self.write(node_id, self._ods[node_id].entry(cia.ERROR_FIELD, 0), 0)
 
     def deadline_ms(self) -> int:
         """Return the deadline of the plate in ms; raises as `read`."""
@@ -155,7 +149,7 @@ class StageWatch:
             self.write(STIMULATOR_ID, self._deadline(STIMULATOR_ID, rpdo), deadline_ms)
 
     def _deadline(self, node_id: int, rpdo: int) -> Entry:
-        return self._ods[node_id].entry(RPDO_COMMUNICATION + rpdo - 1, PDO_EVENT)
+        return self._ods[node_id].entry(cia.RPDO_COMMUNICATION + rpdo - 1, cia.PDO_EVENT)
 
     def _transfer(self, request: Frame, node_id: int, entry: Entry) -> Reading:
         """Repeat a request until an answer comes, which may belong to any of the requests."""
@@ -186,9 +180,9 @@ class StageWatch:
         frame = self._bus.receive(timeout)
         if frame is None:
             return None
-        if frame.can_id == TPDO_IDS[0] + PLATE_ID:
+        if frame.can_id == cia.TPDO_IDS[0] + PLATE_ID:
             self.tick = frame.data[4]
-        elif frame.can_id - EMCY_ID in _NODES:
+        elif frame.can_id - cia.EMCY_ID in _NODES:
             code = int.from_bytes(frame.data[:2], "little")
-            self.emergencies.append((frame.can_id - EMCY_ID, code))
+            self.emergencies.append((frame.can_id - cia.EMCY_ID, code))
         return frame

@@ -40,7 +40,7 @@ from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.canopen.bus.bus import BusError, QueueFullError
 from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.master.errors import BenchError
-from smarttac_can.canopen.od.cia import HEARTBEAT_CONSUMER, RPDO_IDS, SDO_RX_ID
+from smarttac_can.canopen.od import cia
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.instrument.nodes.loop_frames import crc8
 from smarttac_can.vocabulary.faults import FaultCode
@@ -222,7 +222,7 @@ def paused(scene: Scene) -> Stop:
     # Before the stimulator notices, whose 0 V would allow a voltage again.
     for tick in range(watch.tick, watch.tick + 4):
         values = struct.pack("<HIB", round(VOLTAGE_V * 100), 4_339_000, tick & 0xFF)
-        watch.send(RPDO_IDS[0] + PLATE_ID, values + bytes((crc8(values),)))
+        watch.send(cia.RPDO_IDS[0] + PLATE_ID, values + bytes((crc8(values),)))
     watch.ask()
     watch.listen(PAUSE_S)
     stop = scene.rest(scene.send("plate", signal.SIGCONT))
@@ -243,7 +243,7 @@ def flooded(node_id: int, can_id: int) -> Act:
         watch.beats = True
         watch.listen(PAUSE_S)
         scene.send("bench", signal.SIGKILL)
-        entries = [ods[node_id].entry(HEARTBEAT_CONSUMER, subindex) for subindex in range(1, 5)]
+        entries = [ods[node_id].entry(cia.HEARTBEAT_CONSUMER, subindex) for subindex in range(1, 5)]
         own = [e for e in entries if watch.read(node_id, e) >> 16 == watch.beats_as]
         watch.write(node_id, (own or entries)[0], watch.beats_as << 16 | MASTER_MS)
         scene.keep_running()
@@ -288,7 +288,7 @@ CASES = (
             MASTER_MS,
         )
         for name, node in (("stimulator", STIMULATOR_ID), ("plate", PLATE_ID))
-        for what, can_id in (("foreign", FOREIGN_ID), ("SDO", SDO_RX_ID + node))
+        for what, can_id in (("foreign", FOREIGN_ID), ("SDO", cia.SDO_RX_ID + node))
     ),
 )
 

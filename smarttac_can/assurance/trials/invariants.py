@@ -9,7 +9,7 @@ from typing import Final, Protocol
 
 from smarttac_can.assurance.trials.rig import Rig
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
-from smarttac_can.canopen.od.cia import ERROR_FIELD
+from smarttac_can.canopen.od import cia
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.instrument.nodes.plate_block import PlateBlock
@@ -110,7 +110,7 @@ class Invariants:
         """Clear the error histories, and restart their comparison with the emergency messages."""
         rig = self._rig
         for node_id, od in ((STIMULATOR_ID, rig.od), (PLATE_ID, rig.plate_block.od)):
-            rig.master.write(node_id, od.entry(ERROR_FIELD), 0)
+            rig.master.write(node_id, od.entry(cia.ERROR_FIELD), 0)
         del rig.emergencies[:]
 
     def check_history(self) -> None:
@@ -119,7 +119,7 @@ class Invariants:
         for node_id, od in ((STIMULATOR_ID, rig.od), (PLATE_ID, rig.plate_block.od)):
             sent = [emcy.code for emcy in rig.emergencies if emcy.node_id == node_id and emcy.code]
             kept = [entry.value & 0xFFFF for entry in history(od)]
-            newest = sent[::-1][: len(od.objects[ERROR_FIELD].entries) - 1]
+            newest = sent[::-1][: len(od.objects[cia.ERROR_FIELD].entries) - 1]
             if kept != newest:
                 self.violate(f"node {node_id} sent {_hex(newest)}, its history is {_hex(kept)}")
 
@@ -132,7 +132,7 @@ class Invariants:
 
 def history(od: ObjectDictionary) -> list[Entry]:
     """Return the used entries of a node's error history, the newest first."""
-    places = od.objects[ERROR_FIELD].entries
+    places = od.objects[cia.ERROR_FIELD].entries
     return [places[subindex] for subindex in range(1, places[0].value + 1)]
 
 

@@ -9,7 +9,7 @@ from typing import Protocol
 from smarttac_can.canopen.bus.bus import BusError, LogHook
 from smarttac_can.canopen.bus.node import Node
 from smarttac_can.canopen.device.frame import Frame
-from smarttac_can.canopen.od.cia import SYNC_ID
+from smarttac_can.canopen.od import cia
 from smarttac_can.canopen.od.timing import frame_bits
 
 _STORM_FRAMES = 100_000
@@ -224,7 +224,7 @@ class LocalBus:
                     raise BusError(f"no rest on the local bus after {_STORM_FRAMES} frames")
                 for frame in frames:
                     hearers = sender._others
-                    if frame.can_id == SYNC_ID and self._lockstep:
+                    if frame.can_id == cia.SYNC_ID and self._lockstep:
                         hearers = sender._ticked
                         self._pass_time(self._tick)
                         quiet = _STORM_FRAMES

@@ -13,7 +13,8 @@ from io import StringIO
 from itertools import product
 from typing import Any, Final
 
-from smarttac_can.canopen.od.cia import COMMUNICATION_LAST, IDENTITY, Abort, DataType, ObjectType
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import Abort, DataType, ObjectType
 from smarttac_can.canopen.od.data_types import UNSIGNED
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.eds import (
@@ -91,7 +92,7 @@ def make_dcf(
         raw = _raw(entry, value)
         _check(entry, raw, node_id, value)
         _set_value(file, od, entry, raw)
-    serial = od.number(IDENTITY, 4)
+    serial = od.number(cia.IDENTITY, 4)
     return _completed(file, od, bit_rate, serial, names=(eds_name, dcf_name), now=now)
 
 
@@ -153,7 +154,9 @@ def text_of(entry: Entry, value: Any) -> str | None:
     if isinstance(value, bytes):
         text = value.hex(" ")
     elif (
-        isinstance(value, int) and entry.data_type in UNSIGNED and entry.index <= COMMUNICATION_LAST
+        isinstance(value, int)
+        and entry.data_type in UNSIGNED
+        and entry.index <= cia.COMMUNICATION_LAST
     ):
         text = f"0x{value:X}"
     else:

@@ -9,7 +9,8 @@ from enum import Enum
 from typing import Any, Final, NamedTuple
 
 from smarttac_can.canopen.device.service import settable
-from smarttac_can.canopen.od.cia import MOST_MAPPED, Abort, AbortCode, DataType
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import Abort, AbortCode, DataType
 from smarttac_can.canopen.od.data_types import (
     REAL,
     SIZES,
@@ -152,8 +153,8 @@ def compile_mapping(
         As for `mapped_entry`; PDO_LENGTH for more than 64 bits or more objects than sub-indices.
     """
     count = od.number(index) if count is None else count
-    parameters = [od.get(index, subindex) for subindex in range(1, min(count, MOST_MAPPED) + 1)]
-    if count > MOST_MAPPED or any(parameter is None for parameter in parameters):
+    parameters = [od.get(index, subindex) for subindex in range(1, min(count, cia.MOST_MAPPED) + 1)]
+    if count > cia.MOST_MAPPED or any(parameter is None for parameter in parameters):
         raise Abort(AbortCode.PDO_LENGTH)
     values = [
         written[1] if parameter.subindex == written[0] else parameter.value

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
 from smarttac_can.canopen.device.frame import Frame
-from smarttac_can.canopen.od.cia import SYNC_ID
+from smarttac_can.canopen.od import cia
 
 NEVER: Final = 1 << 62
 
@@ -164,7 +164,7 @@ class Identifiers(NamedTuple):
     """CAN-ID of its emergency messages, which stay useful however late."""
     sent: frozenset[int] = frozenset()
     """CAN-IDs with which only this device may send."""
-    sync: int = SYNC_ID
+    sync: int = cia.SYNC_ID
     """CAN-ID of SYNC."""
 
 

@@ -10,7 +10,8 @@ from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError, SdoEr
 
 from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.master.requests import ABORT, INITIATES, answers
-from smarttac_can.canopen.od.cia import SDO_RX_ID, SDO_TX_ID, AbortCode
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import AbortCode
 
 _INITIATED: Final = (3, 2)
 _PAUSES_S: Final = tuple(2e-3 * attempt for attempt in range(20))
@@ -45,7 +46,9 @@ class SharedSdoClient(canopen.sdo.SdoClient):  # type: ignore[misc]  # python-ca
     """
 
     def __init__(self, network: canopen.Network, node_id: int, timeout: float) -> None:
-        super().__init__(SDO_RX_ID + node_id, SDO_TX_ID + node_id, canopen.ObjectDictionary())
+        super().__init__(
+            cia.SDO_RX_ID + node_id, cia.SDO_TX_ID + node_id, canopen.ObjectDictionary()
+        )
         self.network = network
         self.RESPONSE_TIMEOUT = timeout
         self._request = _NO_TRANSFER

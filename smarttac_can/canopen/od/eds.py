@@ -14,13 +14,7 @@ from numbers import Integral
 from typing import Any, Final, TypeVar
 
 from smarttac_can.canopen.od import cia
-from smarttac_can.canopen.od.cia import (
-    LAST_NODE_ID,
-    LAST_SUBINDEX,
-    UNCONFIGURED,
-    DataType,
-    ObjectType,
-)
+from smarttac_can.canopen.od.cia import DataType, ObjectType
 from smarttac_can.canopen.od.data_types import (
     REAL,
     SIGNED,
@@ -196,7 +190,7 @@ def _octets(data_type: DataType, text: str, where: str) -> bytes:
 
 COMMISSIONING: Final = ("devicecomissioning", "devicecommissioning")
 """Section of a DCF in lower case, with the spelling of the standard and with the right one."""
-_NO_NODE_ID: Final = (0, UNCONFIGURED)
+_NO_NODE_ID: Final = (0, cia.UNCONFIGURED)
 """Node-IDs of files of a device that has none yet."""
 
 
@@ -222,8 +216,8 @@ def node_id_of(sections: Sections, given: int | None = None) -> int | None:
     own = _number(sections, name, "nodeid")
     if own in _NO_NODE_ID:
         return given
-    if not 1 <= own <= LAST_NODE_ID:
-        raise EDSError(f"[{name}] nodeid {own} is outside 1..{LAST_NODE_ID}")
+    if not 1 <= own <= cia.LAST_NODE_ID:
+        raise EDSError(f"[{name}] nodeid {own} is outside 1..{cia.LAST_NODE_ID}")
     if given not in (None, own):
         raise EDSError(
             f"the DCF is of node {own}, not of {given}: leave the node-ID out, or make a DCF of "
@@ -289,8 +283,8 @@ def write_out(sections: Sections) -> set[int]:
         count = _number(sections, name, "compactsubobj")
         if not count or kind not in (ObjectType.ARRAY, ObjectType.RECORD):
             continue
-        if not 1 <= count <= LAST_SUBINDEX:
-            raise EDSError(f"[{name}] CompactSubObj {count} is outside 0..{LAST_SUBINDEX}")
+        if not 1 <= count <= cia.LAST_SUBINDEX:
+            raise EDSError(f"[{name}] CompactSubObj {count} is outside 0..{cia.LAST_SUBINDEX}")
         added += count + 1
         if added > MAX_ENTRIES:
             raise EDSError(f"there are more than {MAX_ENTRIES} sub-indices")
@@ -412,7 +406,7 @@ def load_eds(text: str, node_id: int) -> ObjectDictionary:
     ValueError
         `node_id` is no integer, or out of range.
     """
-    if not (isinstance(node_id, Integral) and 1 <= node_id <= LAST_NODE_ID):
+    if not (isinstance(node_id, Integral) and 1 <= node_id <= cia.LAST_NODE_ID):
         raise ValueError(f"node_id {node_id!r} is no integer of 1..127")
     warnings: list[str] = []
     sections = read_sections(text, warnings)
@@ -489,7 +483,7 @@ class _Reader:
         keys, count = self.sections[section], entries[0]
         if keys.get("parametervalue") or keys.get("defaultvalue") or count.size != 1:
             return
-        highest = max(subindex for subindex in entries if subindex <= LAST_SUBINDEX)
+        highest = max(subindex for subindex in entries if subindex <= cia.LAST_SUBINDEX)
         if count.index == cia.ERROR_FIELD:
             highest = 0
         elif cia.is_mapping(count.index):

@@ -8,7 +8,7 @@ from itertools import chain, islice
 from typing import Any, Final, NamedTuple
 
 from smarttac_can.canopen.od import cia
-from smarttac_can.canopen.od.cia import LAST_SUBINDEX, DataType, ObjectType
+from smarttac_can.canopen.od.cia import DataType, ObjectType
 from smarttac_can.canopen.od.data_types import SIZES, TEXT, bounds
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.eds import (
@@ -249,7 +249,7 @@ def _check_highest(name: str, section: dict[str, str], highest: int) -> Iterator
 def _check_compact(name: str, sections: Sections, index: int) -> Iterator[Finding]:
     section = sections[name]
     count = _integer(section["compactsubobj"])
-    if count is None or not 1 <= count <= LAST_SUBINDEX:
+    if count is None or not 1 <= count <= cia.LAST_SUBINDEX:
         yield Finding(name, f"CompactSubObj={section['compactsubobj']} is outside 1..254")
         return
     yield from _check_entry(name, section, index, 1)

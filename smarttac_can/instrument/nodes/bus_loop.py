@@ -34,7 +34,7 @@ from typing import Final
 
 from smarttac_can.canopen.device.device import GONE_AFTER_US, Device
 from smarttac_can.canopen.device.port import Clock
-from smarttac_can.canopen.od.cia import SYNC_COUNTER
+from smarttac_can.canopen.od import cia
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.instrument.nodes.loop_frames import is_sound, received_measurement
@@ -372,7 +372,7 @@ class SyncWatch:
         self._clock = clock
         self._deadline = deadline
         self._observe = observe
-        self._overflow = od.entry(SYNC_COUNTER)
+        self._overflow = od.entry(cia.SYNC_COUNTER)
         self._silence = clock.timer(self._on_silence)
         self._window = _Window(clock, self._judge, sync_tolerance)
         self._long = _Window(clock, self._judge_drift, sync_drift_tolerance)

@@ -6,13 +6,8 @@ from typing import Final
 
 from smarttac_can.canopen.device.device import Device
 from smarttac_can.canopen.device.port import Clock
-from smarttac_can.canopen.od.cia import (
-    PDO_EVENT,
-    RPDO_COMMUNICATION,
-    SYNC_PERIOD,
-    EmergencyCode,
-    ErrorRegister,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import EmergencyCode, ErrorRegister
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.vocabulary.signals import TICK_US
@@ -51,7 +46,7 @@ def set_deadline(od: ObjectDictionary, rpdos: tuple[int, ...], milliseconds: int
 
 def deadlines(od: ObjectDictionary, rpdos: tuple[int, ...]) -> list[Entry]:
     """Return the event timers, in ms, of RPDOs."""
-    return [od.entry(RPDO_COMMUNICATION + rpdo - 1, PDO_EVENT) for rpdo in rpdos]
+    return [od.entry(cia.RPDO_COMMUNICATION + rpdo - 1, cia.PDO_EVENT) for rpdo in rpdos]
 
 
 class Deadline:
@@ -105,7 +100,7 @@ class LoopPeriod:
 
     def __init__(self, device: Device) -> None:
         self._device = device
-        self._entry = device.od.entry(SYNC_PERIOD)
+        self._entry = device.od.entry(cia.SYNC_PERIOD)
         self._reported = False
 
     def agrees(self) -> bool:

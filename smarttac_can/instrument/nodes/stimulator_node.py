@@ -11,19 +11,8 @@ from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.device.nmt import NMTState
 from smarttac_can.canopen.device.port import Clock
 from smarttac_can.canopen.device.storage import Storage
-from smarttac_can.canopen.od.cia import (
-    EVENT_MANUFACTURER,
-    GUARD_TIME,
-    HEARTBEAT_CONSUMER,
-    HEARTBEAT_PRODUCER,
-    LIFE_TIME_FACTOR,
-    PDO_TRANSMISSION,
-    TPDO_COMMUNICATION,
-    Abort,
-    AbortCode,
-    EmergencyCode,
-    ErrorRegister,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import Abort, AbortCode, EmergencyCode, ErrorRegister
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.instrument.nodes.bus_loop import BusLoop, Observe
@@ -100,10 +89,10 @@ class Commander:
         self._resting: dict[int, int] = {}
         """Time since which a node is no longer OPERATIONAL; `_UP` while it is OPERATIONAL."""
         od = device.od
-        self._watches = [e for s, e in od.objects[HEARTBEAT_CONSUMER].entries.items() if s]
+        self._watches = [e for s, e in od.objects[cia.HEARTBEAT_CONSUMER].entries.items() if s]
         self._deadlines = deadlines(od, SETPOINT_RPDOS)
-        self._guarding = od.entry(GUARD_TIME), od.entry(LIFE_TIME_FACTOR)
-        self._heartbeat = od.entry(HEARTBEAT_PRODUCER)
+        self._guarding = od.entry(cia.GUARD_TIME), od.entry(cia.LIFE_TIME_FACTOR)
+        self._heartbeat = od.entry(cia.HEARTBEAT_PRODUCER)
 
     def restart(self) -> None:
         """Clear the record of all supervised nodes."""
@@ -234,7 +223,7 @@ class Publishing:
         self._reported = 0
         self._drive = sent_drive(device.od)
         self._types = [
-            (number, device.od.entry(TPDO_COMMUNICATION + number - 1, PDO_TRANSMISSION))
+            (number, device.od.entry(cia.TPDO_COMMUNICATION + number - 1, cia.PDO_TRANSMISSION))
             for number in _MEASURED_TPDOS
         ]
 
@@ -243,7 +232,7 @@ class Publishing:
         trigger = self._device.trigger
         trigger(_STATUS_TPDO)
         for number, transmission in self._types:
-            if transmission.value == EVENT_MANUFACTURER:
+            if transmission.value == cia.EVENT_MANUFACTURER:
                 trigger(number)
 
     def status(self) -> None:
@@ -517,7 +506,7 @@ class StimulatorNode(DeviceNode):
             self.block.note_supervision(self._commander.supervised)
         self.block.on_write(entry, value)
         self._loop.on_write(entry, value)
-        if entry.index == HEARTBEAT_CONSUMER:
+        if entry.index == cia.HEARTBEAT_CONSUMER:
             self._commander.consumer_changed(entry.value, value)
         self._report()
         self._show_change(before)

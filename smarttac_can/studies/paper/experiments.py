@@ -11,7 +11,7 @@ import numpy as np
 from smarttac_can.bench.simulation import PLATE_ID, plate_od, stimulator_od
 from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.traces import Trace
-from smarttac_can.canopen.od.cia import SYNC_ID
+from smarttac_can.canopen.od import cia
 from smarttac_can.canopen.od.timing import cycle_seconds, cyclic_frames
 from smarttac_can.instrument.nodes.stimulator_node import StimulatorNode
 from smarttac_can.science.plant.fitted import FITTED
@@ -261,5 +261,5 @@ def loop_dead_time(bit_rate: int) -> float:
     stimulator = StimulatorNode(stimulator_od(), plate_node_id=PLATE_ID)
     stimulator.start()
     frames = cyclic_frames([plate_od(), stimulator.od], TICK)
-    loop = [frame for frame in frames if frame.period <= TICK and frame.can_id != SYNC_ID]
+    loop = [frame for frame in frames if frame.period <= TICK and frame.can_id != cia.SYNC_ID]
     return 1e6 * cycle_seconds(loop, bit_rate)

@@ -29,7 +29,7 @@ from smarttac_can.assurance.trials.soak import (
     merged,
     parts,
 )
-from smarttac_can.canopen.od.cia import ERROR_FIELD
+from smarttac_can.canopen.od import cia
 from smarttac_can.vocabulary.faults import PICKUP_D, FaultKind
 from smarttac_can.vocabulary.states import Mode, State
 from smarttac_can.vocabulary.watchdogs import AMPLITUDE_CYCLES, Watchdog
@@ -228,15 +228,15 @@ def test_history_that_differs_from_the_messages_is_seen(rig: Rig, invariants: In
     rig.stimulator_port.send(*rig.stimulator.device.take())
     invariants.check_history()
     assert not invariants.violated
-    rig.od.entry(ERROR_FIELD, 1).value = 0x5211
+    rig.od.entry(cia.ERROR_FIELD, 1).value = 0x5211
     invariants.check_history()
     assert "[5210], its history is [5211]" in invariants.violations[0]
 
 
 def test_history_that_is_cut_short_is_seen(rig: Rig, invariants: Invariants) -> None:
     invariants.clear_history()
-    count = rig.od.entry(ERROR_FIELD, 0)
-    for code in range(0xFF00, 0xFF00 + len(rig.od.objects[ERROR_FIELD].entries)):
+    count = rig.od.entry(cia.ERROR_FIELD, 0)
+    for code in range(0xFF00, 0xFF00 + len(rig.od.objects[cia.ERROR_FIELD].entries)):
         rig.stimulator.device.emergency(code, 0)
         rig.cycle()  # the inhibit time of EMCY is 1 ms
     rig.cycle()

@@ -13,7 +13,7 @@ from rich_eds import RICH
 from smarttac_can.bench.simulation import stimulator_od
 from smarttac_can.bench.traces import read_csv
 from smarttac_can.canopen.commissioning.dbc import Names, identifier, make_dbc
-from smarttac_can.canopen.od.cia import SYNC_ID
+from smarttac_can.canopen.od import cia
 from smarttac_can.canopen.od.eds import load_eds
 from smarttac_can.host.log_file import read_candump
 from smarttac_can.studies.paper.experiments import Conditions
@@ -42,7 +42,7 @@ def cycles(log: Path, database: Database) -> list[dict[str, Any]]:
     numbered = []
     number = 0
     for _, frame in read_candump(log):
-        number += frame.can_id == SYNC_ID
+        number += frame.can_id == cia.SYNC_ID
         if frame.can_id in known:
             numbered.append((number, frame))
     rows = []

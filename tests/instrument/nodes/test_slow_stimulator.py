@@ -11,7 +11,7 @@ from line import MEASUREMENT, START
 from smarttac_can.bench.simulation import PLATE_ID, plate_od, stimulator_od
 from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.master import requests
-from smarttac_can.canopen.od.cia import SYNC_ID
+from smarttac_can.canopen.od import cia
 from smarttac_can.instrument.nodes.plate_node import PlateNode
 from smarttac_can.instrument.nodes.stimulator_node import StimulatorNode
 from smarttac_can.vocabulary.faults import PICKUP, FaultKind
@@ -83,7 +83,7 @@ class SlowLoop:
         if not self._produce_sync:
             frames = [requests.sync(), *frames]
         for frame in frames:
-            if frame.can_id != SYNC_ID:
+            if frame.can_id != cia.SYNC_ID:
                 self._to_plate([frame])
                 continue
             if not self._produce_sync:
