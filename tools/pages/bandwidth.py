@@ -93,13 +93,13 @@ class Answer(NamedTuple):
 
 
 def answer(
-    what: Condition, subject: int, speed: float, swing: float, frequency: int, seed: int
+    condition: Condition, subject: int, speed: float, swing: float, frequency: int, seed: int
 ) -> Answer:
     """Stroke for 3 s while the reference is a sine, and fit one to the steady slide.
 
     Parameters
     ----------
-    what
+    condition
         The laws.
     subject
         Number of the finger.
@@ -119,12 +119,14 @@ def answer(
     values = tuple(np.round(period / COF_COUNT).astype(int).tolist())
     stroke = Stroke(FORCE, speed * 1e-3, 0.05, force_variation=0.0, speed_variation=0.0, seed=seed)
     parameters = PlateParameters()
-    plate = Plate(parameters, SUBJECTS[subject - 1], stroke, seed=seed, dead_time=what.dead_time)
+    plate = Plate(
+        parameters, SUBJECTS[subject - 1], stroke, seed=seed, dead_time=condition.dead_time
+    )
     cascade = Cascade(
         CascadeParameters(
-            law=what.law,
-            vibration_law=what.vibration_law,
-            dead_time=what.dead_time,
+            law=condition.law,
+            vibration_law=condition.vibration_law,
+            dead_time=condition.dead_time,
             lateral=calibration(parameters.sensors.crosstalk),
         )
     )
@@ -134,7 +136,7 @@ def answer(
         if tick == TARE:
             cascade.zero = cascade.null()
         if tick == BEGIN:
-            cascade.set_mode(what.mode)
+            cascade.set_mode(condition.mode)
         mu = middle + 0.5 * swing * float(np.sin(omega * (tick - BEGIN) * TICK))
         drive = cascade.update(plate.sample(), Setpoint(0.0, F0, 1e-6, mu, mu, 0.0))
         rows.append((plate.mu_true, cascade.W_ref, abs(plate.W)))
@@ -166,9 +168,9 @@ def steady(stroke: Stroke) -> np.ndarray[Any, Any]:
 Curve = tuple[Answer, ...]
 
 
-def curve(what: Condition, subject: int, speed: float, swing: float, seed: int) -> Curve:
+def curve(condition: Condition, subject: int, speed: float, swing: float, seed: int) -> Curve:
     """Return the answers at all frequencies."""
-    return tuple(answer(what, subject, speed, swing, each, seed) for each in FREQUENCIES)
+    return tuple(answer(condition, subject, speed, swing, each, seed) for each in FREQUENCIES)
 
 
 Curves = dict[tuple[Condition, float], list[Curve]]
@@ -179,12 +181,12 @@ def curves(seed: int) -> Curves:
     """Return all curves."""
     with sharing(2) as submit:
         waiting = {
-            (what, swing): [
-                submit(curve, what, subject, speed, swing, seed)
+            (condition, swing): [
+                submit(curve, condition, subject, speed, swing, seed)
                 for subject in LEVELS
                 for speed in (SPEEDS if swing == SWINGS[1] else SPEEDS[1:2])
             ]
-            for what, swing in product(CONDITIONS, SWINGS)
+            for condition, swing in product(CONDITIONS, SWINGS)
         }
         return {key: [one.result() for one in ones] for key, ones in waiting.items()}
 
@@ -213,16 +215,19 @@ def hertz(values: Sequence[float]) -> str:
     )
 
 
-def name(what: Condition) -> tuple[str, str]:
+def name(condition: Condition) -> tuple[str, str]:
     """Return the first cells of a row."""
-    return what.name, f"{1e6 * what.dead_time:.0f}"
+    return condition.name, f"{1e6 * condition.dead_time:.0f}"
 
 
 def edges(found: Curves) -> Iterator[str]:
     """Return the table of -3 dB."""
     rows = [
-        (*name(what), *(hertz([bandwidth(one) for one in found[what, swing]]) for swing in SWINGS))
-        for what in CONDITIONS
+        (
+            *name(condition),
+            *(hertz([bandwidth(one) for one in found[condition, swing]]) for swing in SWINGS),
+        )
+        for condition in CONDITIONS
     ]
     return columns("Law|Dead time, us|" + "|".join(f"swing {swing:g}" for swing in SWINGS), rows)
 
@@ -230,14 +235,14 @@ def edges(found: Curves) -> Iterator[str]:
 def answers(found: Curves) -> Iterator[str]:
     """Return the table of gain, phase and coherence: medians over subjects and speeds."""
     rows = []
-    for what in CONDITIONS:
+    for condition in CONDITIONS:
         cells = []
         for at in map(FREQUENCIES.index, SHOWN):
-            ones = [one[at] for one in found[what, SWINGS[1]]]
+            ones = [one[at] for one in found[condition, SWINGS[1]]]
             middle = np.median([abs(one.gain) for one in ones])
             phase = np.degrees(np.angle(np.sum([one.gain / abs(one.gain) for one in ones])))
             cells.append(f"{middle:.2f} {phase:.0f} {np.median([o.coherence for o in ones]):.2f}")
-        rows.append((*name(what), *cells))
+        rows.append((*name(condition), *cells))
     return columns("Law|Dead time, us|" + "|".join(f"{f} Hz" for f in SHOWN), rows)
 
 
@@ -268,16 +273,16 @@ def slip(subject: int, speed: float, frequency: int) -> float:
 def stages(found: Curves) -> Iterator[str]:
     """Return by how much each stage of mode texture falls off from 5 Hz on."""
     first, rows = FREQUENCIES.index(5), []
-    for what in CONDITIONS:
-        if what.mode is not Mode.TEXTURE:
+    for condition in CONDITIONS:
+        if condition.mode is not Mode.TEXTURE:
             continue
         for at in map(FREQUENCIES.index, (100, 200, 400)):
-            ones = found[what, SWINGS[1]]
+            ones = found[condition, SWINGS[1]]
             falls = [np.divide(one[at].stages, one[first].stages) for one in ones]
             slips = [slip(*each, FREQUENCIES[at]) for each in product(LEVELS, SPEEDS)]
             medians = (*np.median(falls, axis=0), np.median(slips))
             cells = (f"{value:.2f}" for value in medians)
-            rows.append((*name(what), str(FREQUENCIES[at]), *cells))
+            rows.append((*name(condition), str(FREQUENCIES[at]), *cells))
     head = "Law|Dead time, us|Hz|reference to W_ref|to amplitude|to COF|slip of the skin, computed"
     return columns(head, rows)
 
@@ -338,11 +343,11 @@ def in_jnd(
 def felt(seed: int) -> Iterator[str]:
     """Return the table of errors in JND: of fingers of a campaign, and of gratings."""
     rows = []
-    for what in CONDITIONS:
-        if what.mode is Mode.TEXTURE:
+    for condition in CONDITIONS:
+        if condition.mode is Mode.TEXTURE:
             conditions = textures.Conditions(
-                dead_time_us=round(1e6 * what.dead_time),
-                vibration_law=what.vibration_law,
+                dead_time_us=round(1e6 * condition.dead_time),
+                vibration_law=condition.vibration_law,
                 seed=seed,
             )
             cells = ["", "", ""]
@@ -353,10 +358,10 @@ def felt(seed: int) -> Iterator[str]:
                 ]
                 cells.append(f"{np.median(errors):.2f} ({max(errors):.2f})")
         else:
-            found = in_jnd(what.law, what.vibration_law, what.dead_time, seed)
+            found = in_jnd(condition.law, condition.vibration_law, condition.dead_time, seed)
             high = np.nanquantile(found, (0.5, 0.95), axis=0, method="inverted_cdf")
             cells = [f"{middle:.2f} ({most:.2f})" for middle, most in high.T] + ["", ""]
-        rows.append((*name(what), *cells))
+        rows.append((*name(condition), *cells))
     return columns("Law|Dead time, us|static|step|chatter|sine|square", rows)
 
 
@@ -372,16 +377,16 @@ def picture(found: Curves) -> None:
     """Draw gain, phase and coherence with the dead time of a bus."""
     with canvas(7.2, 7.6) as figure:
         panels = figure.subplots(3, 1, sharex=True)
-        for what in CONDITIONS:
-            if what.name not in LINES or not what.dead_time:
+        for condition in CONDITIONS:
+            if condition.name not in LINES or not condition.dead_time:
                 continue
-            colour, style = LINES[what.name]
-            ones = found[what, SWINGS[1]]
+            colour, style = LINES[condition.name]
+            ones = found[condition, SWINGS[1]]
             gains = np.array([[one.gain for one in curve] for curve in ones])
             coherences = np.array([[one.coherence for one in curve] for curve in ones])
             phases = np.degrees(np.unwrap(np.angle(np.sum(gains / np.abs(gains), axis=0))))
             values = (np.median(np.abs(gains), axis=0), phases, np.median(coherences, axis=0))
-            label = what.name.replace("`", "")
+            label = condition.name.replace("`", "")
             for axes, value in zip(panels, values, strict=True):
                 axes.semilogx(FREQUENCIES, value, color=colour, ls=style, lw=1.6, label=label)
             panels[0].fill_between(
@@ -402,18 +407,26 @@ def picture(found: Curves) -> None:
 
 def felt_picture(seed: int) -> None:
     """Draw the errors of the friction laws in JND: median, and up to the 95th percentile."""
-    laws = [what for what in CONDITIONS if what.mode is Mode.FRICTION and what.dead_time]
+    laws = [
+        condition
+        for condition in CONDITIONS
+        if condition.mode is Mode.FRICTION and condition.dead_time
+    ]
     with canvas(7.2, 2.6) as figure:
         panels = figure.subplots(1, 3, sharey=True)
         for axes, at, error in zip(panels, range(3), ("static", "step", "chatter"), strict=True):
-            for row, what in enumerate(laws):
-                found = in_jnd(what.law, what.vibration_law, what.dead_time, seed)[:, at]
+            for row, condition in enumerate(laws):
+                found = in_jnd(condition.law, condition.vibration_law, condition.dead_time, seed)[
+                    :, at
+                ]
                 middle, most = np.nanquantile(found, (0.5, 0.95), method="inverted_cdf")
                 axes.plot([0.0, most], [row, row], color=INK, lw=1.0)
                 axes.plot(middle, row, "o", color=RED)
             axes.axvline(1.0, color=INK, lw=0.8, ls=":")
             axes.set(xlabel=f"{error} (JND)", xlim=(0, 4))
-        panels[0].set_yticks(range(len(laws)), [what.name.replace("`", "") for what in laws])
+        panels[0].set_yticks(
+            range(len(laws)), [condition.name.replace("`", "") for condition in laws]
+        )
         panels[0].invert_yaxis()
         figure.suptitle("Errors of 200 fingers with 540 us: median, and up to 95 % (simulated)")
         save(figure, EXPLANATION / "figures" / "jnd.png")

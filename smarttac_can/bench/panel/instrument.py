@@ -61,41 +61,41 @@ class Lease:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._who: object = None
+        self._page: object = None
         self._heard = 0.0
 
-    def take(self, who: object, now: float) -> bool:
+    def take(self, page: object, now: float) -> bool:
         """Grant the right at a time in s if it is free; return whether the page has it."""
         with self._lock:
-            if self._who is None:
-                self._who, self._heard = who, now
-            return self._who is who
+            if self._page is None:
+                self._page, self._heard = page, now
+            return self._page is page
 
-    def renew(self, who: object, now: float) -> None:
+    def renew(self, page: object, now: float) -> None:
         """Record that a page was received at a time in s; a right that has run out stays so."""
         with self._lock:
-            if self._who is who and now - self._heard <= LEASE_S:
+            if self._page is page and now - self._heard <= LEASE_S:
                 self._heard = now
 
-    def drop(self, who: object) -> bool:
+    def drop(self, page: object) -> bool:
         """Take the right from a page; return whether the page had it."""
         with self._lock:
-            dropped = self._who is who
+            dropped = self._page is page
             if dropped:
-                self._who = None
+                self._page = None
             return dropped
 
-    def held_by(self, who: object) -> bool:
+    def held_by(self, page: object) -> bool:
         """Return whether a page has the right."""
         with self._lock:
-            return self._who is who
+            return self._page is page
 
     def expire(self, now: float) -> bool:
         """End the right if its page was silent for `LEASE_S`; return whether it ended now."""
         with self._lock:
-            expired = self._who is not None and now - self._heard > LEASE_S
+            expired = self._page is not None and now - self._heard > LEASE_S
             if expired:
-                self._who = None
+                self._page = None
             return expired
 
 
@@ -157,22 +157,22 @@ class Instrument(Background, ABC):
             self._stopping.set()
             self._wake.set()
 
-    def leave(self, who: object) -> None:
+    def leave(self, page: object) -> None:
         """Go to 0 V if the page that has left was driving."""
-        if self.lease.drop(who):
+        if self.lease.drop(page):
             self.stop("the page that drove has left: stopped")
 
-    def command(self, who: object, text: str) -> None:
+    def command(self, page: object, text: str) -> None:
         """Queue a line of the driving page; `answer` gives the result."""
-        if not self.lease.held_by(who):
+        if not self.lease.held_by(page):
             self.answer = f"{text}: not done, this page does not drive"
         elif self._stops() or len(self._waiting) >= _MOST_WAITING:
             self.answer = f"{text}: not done, wait for what is being done"
         else:
-            self._waiting.append((who, text))
+            self._waiting.append((page, text))
             self._wake.set()
 
-    def guide(self, who: object, x_mm: float, force: float) -> None:
+    def guide(self, page: object, x_mm: float, force: float) -> None:
         """Move the finger of a simulation to a position in mm with a force in N.
 
         Raises
@@ -233,24 +233,24 @@ class SimulatedBench(Instrument):
         self._stimulator.texture_slot = 1
         self._simulated_to: float | None = None
 
-    def guide(self, who: object, x_mm: float, force: float) -> None:
+    def guide(self, page: object, x_mm: float, force: float) -> None:
         """Guide the finger, if the page has the right to drive."""
-        if self.lease.held_by(who):
+        if self.lease.held_by(page):
             self._finger.guide(x_mm * 1e-3, force)
 
-    def leave(self, who: object) -> None:
+    def leave(self, page: object) -> None:
         """Lift the finger and go to 0 V if the page was driving."""
-        if self.lease.held_by(who):
+        if self.lease.held_by(page):
             self._finger.guide(0.0, 0.0)
-        super().leave(who)
+        super().leave(page)
 
     def step(self, now: float) -> None:
         """Disarm if requested, else obey the next line; then simulate the elapsed time."""
         if self._begin_stop():
             self._stimulator.disarm()
         elif self._waiting:
-            who, text = self._waiting.popleft()
-            if self.lease.held_by(who):
+            page, text = self._waiting.popleft()
+            if self.lease.held_by(page):
                 self.answer = answered(partial(self._obey, text))
         if self._simulated_to is None:
             self._simulated_to = now
@@ -348,9 +348,9 @@ class BusInstrument(Instrument):
     def _stops(self) -> bool:
         return super()._stops() or self._watcher.stopping
 
-    def _obey(self, who: object, text: str) -> str:
+    def _obey(self, page: object, text: str) -> str:
         stimulator = self._stimulator
-        if stimulator is None or not self.lease.held_by(who):
+        if stimulator is None or not self.lease.held_by(page):
             return f"{text}: not done, its page does not drive"
         return answered(partial(obey, stimulator, text))
 
