@@ -337,7 +337,7 @@ def test_a_watch_that_is_killed_leaves_0_v(multicast: dict[str, Any]) -> None:
         assert message.value == "the heartbeat of a supervised node is lost"
 
 
-def test_nobody_to_drive_is_one_line(multicast: dict[str, Any]) -> None:
+def test_watch_drive_without_a_node_is_one_line(multicast: dict[str, Any]) -> None:
     with terminal(*multicast_options(multicast), "--drive") as watch:
         assert watch.end() == 1
     said = watch.seen.strip().splitlines()

@@ -263,7 +263,7 @@ def test_nothing_but_its_own_lines_reaches_the_terminal(multicast: dict[str, Any
     assert result.stdout.splitlines()[2].endswith("534D5402  00010001  00000001  plate.eds")
 
 
-def test_nobody_there() -> None:
+def test_scan_of_an_empty_bus_is_one_line() -> None:
     scan = ("scan", "--interface", "virtual", "--channel", "empty", "--timeout", "0.05")
     assert refusal(*scan) == refusal(*scan, "--json") == "no device answers on virtual:empty"
     assert run(*scan, "--json").stdout == "[]\n"

@@ -201,7 +201,7 @@ def test_the_faults_outlive_a_power_cut_where_there_is_storage(
         assert bench.state is not State.FAULT, "the memory is not the latch"
 
 
-def test_a_file_of_faults_that_cannot_be_had_stops_nobody(
+def test_node_runs_although_its_fault_file_cannot_be_had(
     multicast: dict[str, Any], tmp_path: Path
 ) -> None:
     (tmp_path / "kept.faults").mkdir()

@@ -136,7 +136,7 @@ def test_stimulator_with_unread_stdout_runs_and_ends_at_0_v(
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the size of a pipe is set")
-def test_a_plate_whose_stdout_nobody_reads_goes_on_and_ends(multicast: dict[str, Any]) -> None:
+def test_plate_goes_on_and_ends_with_an_unread_stdout(multicast: dict[str, Any]) -> None:
     with unread(multicast, "plate") as plate, StageWatch(**multicast) as watch:
         for command in (1, 128, 1, 128, 1):
             watch.send(0, bytes((command, 0)))

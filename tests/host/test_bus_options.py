@@ -95,9 +95,7 @@ def hops(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return told
 
 
-def test_nobody_of_us_sends_out_of_this_computer(
-    hops: list[int], multicast: dict[str, Any]
-) -> None:
+def test_every_multicast_socket_has_hop_limit_0(hops: list[int], multicast: dict[str, Any]) -> None:
     PythonCanBus(**multicast).close()
     network = TappedNetwork().connect(**multicast)
     network.second_bus().shutdown()

@@ -131,7 +131,7 @@ BY_MULTIPROCESSING = f"""
 
 
 @pytest.mark.parametrize("script", [BY_STANDARD_INPUT, BY_MULTIPROCESSING])
-def test_a_node_whose_parent_is_killed_says_zero_volts_and_ends(
+def test_node_sends_0_v_and_ends_when_its_parent_is_killed(
     script: str, multicast: dict[str, Any]
 ) -> None:
     def wait_for(can_id: int) -> Frame | None:

@@ -718,7 +718,7 @@ def fail(*_: Frame) -> list[Frame]:
 
 @pytest.mark.parametrize("lockstep", [False, True])
 @pytest.mark.parametrize("fails", ["receive", "follow", "stopped"])
-def test_whatever_fails_the_node_is_shut_down_and_the_bus_closed(
+def test_any_failure_shuts_the_node_down_and_closes_the_bus(
     lockstep: bool, fails: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     node, host, observer = ToyNode(), Host(every(1000, SYNC), until=200_000), Observer()

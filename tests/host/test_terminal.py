@@ -222,7 +222,7 @@ def test_a_line_longer_than_the_pipe_arrives_whole(pipe: Pipe) -> None:
     assert writer.dropped == 0
 
 
-def test_a_pipe_that_nobody_reads_holds_nobody_up(pipe: Pipe) -> None:
+def test_unread_pipe_does_not_hold_up_its_writer(pipe: Pipe) -> None:
     with pipe.writer:
         pipe.fill()
     assert pipe.thread.is_alive(), "it is still waiting for a reader, alone"

@@ -60,7 +60,7 @@ def test_another_device_is_written_only_if_asked(
         assert node.device.od.number(0x1017) == 200
 
 
-def test_nobody_there_is_an_error_and_no_refusal(tmp_path: Path) -> None:
+def test_eds_load_without_a_node_is_an_error(tmp_path: Path) -> None:
     file = dcf(tmp_path, small_eds(), "1017=200")
     line = refusal("eds", "load", file, *bus("nobody there")[:4], "--timeout", "0.05")
     assert line == "node 9 does not answer"
@@ -338,7 +338,7 @@ def test_process_data_are_not_saved(tmp_path: Path) -> None:
     assert [od.number(index) for index in (0x6040, 0x6042, 0x6081)] == [0, 0, 15]
 
 
-def test_what_cannot_be_saved_is_named(tmp_path: Path) -> None:
+def test_dcf_save_names_values_that_cannot_be_read(tmp_path: Path) -> None:
     eds, saved = written(tmp_path, small_eds(TEXT)), tmp_path / "saved.dcf"
     node, options = device(small_eds(TEXT).replace("[2010sub4]", "[2010sub7]")), bus("save not")
     with in_threads({"interface": "virtual", "channel": options[3]}, node, lockstep=False):

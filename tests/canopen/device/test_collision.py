@@ -92,5 +92,5 @@ def test_a_reset_forgets_it_and_is_obeyed(listener: Listener) -> None:
     assert listener.told == [True]
 
 
-def test_nobody_speaks_because_of_it() -> None:
+def test_collision_alone_sends_no_frame() -> None:
     play(started(), "> 720 05\n> 720 00\n> 0A0 00 00 00 00 00 00 00 00\n3x + 1000ms")

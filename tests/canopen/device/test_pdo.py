@@ -236,7 +236,7 @@ def test_a_synchronous_pdo_is_late_without_sync() -> None:
     assert application.calls == ["rpdo 1", "late 1"]
 
 
-def test_nobody_is_late_whom_nobody_waits_for() -> None:
+def test_rpdo_is_not_late_after_its_event_timer_is_cleared() -> None:
     application = Log()
     device = started(application)
     assert download(device, 0x1400, 5, 10, 2) == 0

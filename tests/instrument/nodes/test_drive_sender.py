@@ -105,7 +105,7 @@ def test_in_fault_it_sends_0_v_alone() -> None:
     assert not plate.sender.latched
 
 
-def test_node_0_is_nobody_in_fault_or_not() -> None:
+def test_drive_of_node_0_is_corrupt_in_fault_or_not() -> None:
     plate = Plate()
     assert not plate.sound(0, 0)
     assert not plate.sound(0, IN_FAULT)

@@ -318,7 +318,7 @@ def test_an_exception_is_0_v_at_once_and_the_node_goes_on() -> None:
 
 
 @pytest.mark.parametrize("error", [SystemExit(0), GeneratorExit(), ShyError(), CancelledError()])
-def test_whatever_is_raised_is_0_v_and_the_node_goes_on(error: BaseException) -> None:
+def test_front_end_error_is_0_v_and_the_node_goes_on(error: BaseException) -> None:
     line, plate, fake = driven()
     sound = fake.answer
     fake.answer = raises(error)

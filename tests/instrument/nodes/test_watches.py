@@ -240,7 +240,7 @@ def test_a_count_is_of_its_modes_and_forgotten_in_the_others(mode: int) -> None:
     assert bool(found) == (mode in (3, 4, 6))
 
 
-def test_gauges_that_were_never_tared_contradict_nobody() -> None:
+def test_gauges_never_tared_are_not_implausible() -> None:
     watch = Watch()
     for _ in range(10):
         look(watch, twist=0.3)

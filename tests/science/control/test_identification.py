@@ -467,7 +467,7 @@ def test_identification_finds_the_softening_of_a_plate(softening, start):
     assert found.model.gain == pytest.approx(50e-9, rel=0.005)
 
 
-def test_a_finger_nobody_knows_of_is_refused_or_small():
+def test_identify_under_an_unknown_finger_refused_or_small():
     """On plates within 25 % of their data sheet, under 0.03 to 1.6 N."""
     draw, errors = random.Random(7), []
     for seed in range(30):
