@@ -12,6 +12,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final, Literal, NoReturn, get_args
 
+import numpy as np
+
 from smarttac_can.bench.errors import refused_write
 from smarttac_can.bench.given import finite, given, integer, outside, said, sequence, truth
 from smarttac_can.bench.link import (
@@ -28,6 +30,7 @@ from smarttac_can.bench.link import (
     published_pdos,
 )
 from smarttac_can.bench.named_objects import find_number, raw_value
+from smarttac_can.bench.traces import Trace
 from smarttac_can.canopen.bus.bus import LogHook
 from smarttac_can.canopen.bus.local_bus import LocalBus
 from smarttac_can.canopen.device.frame import Frame
@@ -44,7 +47,7 @@ from smarttac_can.instrument.nodes.plate_block import PlateBlock
 from smarttac_can.instrument.nodes.plate_node import PlateNode
 from smarttac_can.instrument.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.instrument.nodes.stimulator_node import StimulatorNode
-from smarttac_can.science.plant.finger import SAMPLE_RANGES, Finger, GuidedFinger, Trajectory
+from smarttac_can.science.plant.finger import GIVEN_RANGES, Finger, GuidedFinger, Trajectory
 from smarttac_can.vocabulary.meanings import RECORDED as RECORDED_FINGER
 from smarttac_can.vocabulary.meanings import SIMULATION
 from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS, TICK_US
@@ -157,7 +160,7 @@ def open_simulated_link(
     seed: int,
     subject: int,
     plate_inside: bool,
-    finger: Iterable[tuple[float, float, float]] | None,
+    finger: Trace | Iterable[tuple[float, float, float]] | None,
     presets: Mapping[str, int | str],
     log: LogHook | None,
 ) -> tuple[Link, ObjectDictionary]:
@@ -213,21 +216,35 @@ def open_guided_link() -> tuple[LocalLink, ObjectDictionary, GuidedFinger]:
     return LocalLink(block), block.od, finger
 
 
-def _recorded(finger: Iterable[tuple[float, float, float]]) -> Trajectory:
-    samples = sequence("finger", finger)
+def _of_trace(trace: Trace) -> list[tuple[float, float, float]]:
+    """Return the finger of a trace, lifted at a place between its touches where it has none."""
+    places = trace.position_mm
+    touches = ~np.isnan(places)
+    if not touches.any():
+        raise ValueError("finger: nothing touches in this trace, or its file has no position")
+    # A light touch tells its position badly, even as beside the plate.
+    low, high = (bound * 1e3 for bound in GIVEN_RANGES[1][1:])
+    there = np.clip(places[touches], low, high)
+    places = np.interp(trace.time_s, trace.time_s[touches], there)
+    forces = np.where(touches, trace.normal_force_n, 0.0)
+    return list(zip(trace.time_s.tolist(), places.tolist(), forces.tolist(), strict=True))
+
+
+def _recorded(finger: Trace | Iterable[tuple[float, float, float]]) -> Trajectory:
+    samples = _of_trace(finger) if isinstance(finger, Trace) else sequence("finger", finger)
     for number, sample in enumerate(samples):
         word = f"finger sample {number}"
         row = sequence(word, sample)
         if len(row) != len(_SAMPLE):
             raise ValueError(f"{word} {said(sample)} is no (t_s, x_mm, Fn_N): give three numbers")
-        for value, (name, unit, si), (_, low, high) in zip(
-            row, _SAMPLE, SAMPLE_RANGES, strict=True
-        ):
+        for value, (name, unit, si), (_, low, high) in zip(row, _SAMPLE, GIVEN_RANGES, strict=True):
             place = finite(f"{word} {name}", value)
             if not low <= place * si <= high:
                 raise ValueError(outside(f"{word} {name}", place, low / si, high / si, unit))
     try:
-        return Trajectory([(float(t), float(x_mm) * 1e-3, float(Fn)) for t, x_mm, Fn in samples])
+        return Trajectory(
+            [(float(t), float(x_mm) * 1e-3, max(float(Fn), 0.0)) for t, x_mm, Fn in samples]
+        )
     except ValueError as error:
         raise ValueError(f"finger: {error}") from error
 

@@ -305,7 +305,7 @@ class Stimulator(NamedObjects):
         seed: int = 1,
         subject: int = 1,
         plate_inside: bool = False,
-        finger: Iterable[tuple[float, float, float]] | None = None,
+        finger: Trace | Iterable[tuple[float, float, float]] | None = None,
         presets: Mapping[str, int | str] | None = None,
         log: LogHook | None = None,
     ) -> Self:
@@ -326,7 +326,8 @@ class Stimulator(NamedObjects):
             Samples of your own finger, played instead of a stroke: time in s from the start of the
             run, position in mm from the middle of the plate, -38..38, and normal force in N, 0..10.
             There are 2 or more, in order of time, interpolated linearly. The finger is lifted
-            before the first sample and after the last.
+            before the first sample and after the last. A force down to -0.01, as by noise in the
+            air, is 0. Or a trace, whose finger is played again.
         presets
             Values by name that replace defaults of the stimulator's EDS: raw integers, or texts
             with a unit as `set` takes them, such as ``800 nm``.

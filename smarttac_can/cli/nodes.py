@@ -67,7 +67,7 @@ from smarttac_can.instrument.nodes.device_node import DeviceNode
 from smarttac_can.instrument.nodes.plate_block import TICK_MASK, PlateBlock
 from smarttac_can.instrument.nodes.plate_node import PlateNode
 from smarttac_can.instrument.nodes.stimulator_node import StimulatorNode
-from smarttac_can.science.plant.finger import SAMPLE_RANGES, Trajectory
+from smarttac_can.science.plant.finger import GIVEN_RANGES, Trajectory
 from smarttac_can.vocabulary.meanings import LIFTED, RECORDED, STROKE
 from smarttac_can.vocabulary.plate import TimedPlate
 from smarttac_can.vocabulary.signals import SHORT_DEADLINE_MS
@@ -317,7 +317,7 @@ _MM: Final = 1e-3
 _COLUMNS: Final = {
     name: (low / unit, high / unit)
     for (_, low, high), (name, unit) in zip(
-        SAMPLE_RANGES, {"t_s": 1.0, "x_mm": _MM, "Fn_N": 1.0}.items(), strict=True
+        GIVEN_RANGES, {"t_s": 1.0, "x_mm": _MM, "Fn_N": 1.0}.items(), strict=True
     )
 }
 MAX_FINGER_BYTES: Final = 8 << 20
@@ -348,7 +348,7 @@ def read_finger(path: Path) -> Trajectory:
         if samples and time <= samples[-1][0]:
             before = samples[-1][0]
             raise ValueError(f"{path}: line {line}: t_s {time:g} is not after {before:g}")
-        samples.append((time, x_mm * _MM, Fn))
+        samples.append((time, x_mm * _MM, max(Fn, 0.0)))
     try:
         return Trajectory(samples)
     except ValueError as error:

@@ -305,7 +305,7 @@ def test_a_byte_order_mark_is_passed_over(tmp_path: Path) -> None:
         ("0,0,0\n1,0\n", "line 3: 2 fields are not the 3 of the header"),
         ("0,0,0\n1,0,0,0\n", "line 3: 4 fields are not the 3 of the header"),
         ("0,-100,0\n1,0,0\n", "line 2: x_mm -100 is outside -38..38"),
-        ("0,0,0\n1,0,10.5\n", "line 3: Fn_N 10.5 is outside 0..10"),
+        ("0,0,0\n1,0,10.5\n", "line 3: Fn_N 10.5 is outside -0.01..10"),
         ("0,0,0\n1,nan,0\n", "line 3: x_mm nan is outside -38..38"),
         ("-1,0,0\n1,0,0\n", "line 2: t_s -1 is outside 0..1e+09"),
         ("0.5,0,0\n1,0,0\n1,0,0\n", "line 4: t_s 1 is not after 1"),

@@ -22,6 +22,9 @@ _LIFTED_N = 1e-3
 """Normal force in N below which a guided finger does not touch."""
 SAMPLE_RANGES = (("time", 0.0, 1e9), ("x", -38e-3, 38e-3), ("Fn", 0.0, 10.0))
 """Bounds of the columns of a recording, in s, m and N."""
+GIVEN_RANGES = (*SAMPLE_RANGES[:2], ("Fn", -0.01, SAMPLE_RANGES[2][2]))
+"""Bounds of a recording as it is given: below 0 a force is noise of a finger in the air, and is
+taken as 0."""
 
 
 class FingerState(NamedTuple):
