@@ -1,8 +1,11 @@
 """A second thread that lets the loop run is told so, and the first one goes on."""
 
+import inspect
+import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
+from itertools import pairwise
 from pathlib import Path
 from threading import Event, Thread
 from typing import Any, Literal
@@ -10,7 +13,18 @@ from typing import Any, Literal
 import pytest
 from nodes_on_a_bus import GUARD_S, in_threads, stimulator_with_plate, until
 
-from smarttac_can.bench import BenchError, BusyError, Mode, State, Stimulator, Texture, Trace
+from smarttac_can.bench import (
+    BenchError,
+    BusyError,
+    Mode,
+    Placing,
+    RefusedError,
+    State,
+    Stimulator,
+    Texture,
+    Trace,
+)
+from smarttac_can.bench.plate_loads import SimulatedFinger
 
 
 def in_another_thread(act: Any) -> BenchError | None:
@@ -79,26 +93,37 @@ def a_bench(where: str, virtual: dict[str, Any]) -> Iterator[Stimulator]:
         yield bench
 
 
-@contextmanager
-def running_beside(bench: Stimulator) -> Iterator[Future[Trace]]:
-    """Have another thread in `run` during the block, which waits until it has begun."""
-    begun, over = Event(), Event()
+class RunBeside:
+    """A run in another thread, whose cycles are counted."""
 
-    def meanwhile(cycles: int) -> None:
-        if cycles:
-            begun.set()
-        if over.is_set():
+    def __init__(self, bench: Stimulator, executor: ThreadPoolExecutor) -> None:
+        self.cycles, self.over = 0, Event()
+        self.future: Future[Trace] = executor.submit(bench.run, 600, meanwhile=self._count)
+
+    def _count(self, cycles: int) -> None:
+        self.cycles = cycles
+        if self.over.is_set():
             raise InterruptedError
 
+    def goes_on(self) -> None:
+        """Wait for further cycles: what was called before came between two of them."""
+        now = self.cycles
+        until(lambda: self.future.done() or self.cycles > now + 1)
+        assert not self.future.done()
+
+
+@contextmanager
+def running_beside(bench: Stimulator) -> Iterator[RunBeside]:
+    """Have another thread in `run` during the block, which waits until it has begun."""
     with ThreadPoolExecutor(1) as executor:
-        future = executor.submit(bench.run, 600, meanwhile=meanwhile)
+        run = RunBeside(bench, executor)
         try:
-            until(begun.is_set)
-            yield future
+            run.goes_on()
+            yield run
         finally:
-            over.set()
+            run.over.set()
             with suppress(InterruptedError, BenchError):
-                future.result(GUARD_S)
+                run.future.result(GUARD_S)
 
 
 def recorded(bench: Stimulator, path: Path) -> None:
@@ -106,9 +131,20 @@ def recorded(bench: Stimulator, path: Path) -> None:
         bench.mark("here")
 
 
-def heard(bench: Stimulator) -> None:
+def heard(bench: Stimulator, seconds: float = 0) -> None:
     with bench.events() as events:
-        assert list(events.within(0)) == []
+        assert list(events.within(seconds)) == []
+
+
+def without_recording(bench: Stimulator) -> None:
+    with pytest.raises(RefusedError, match="was started without a recording"):
+        bench.finger.play_recording()
+
+
+def weighed(bench: Stimulator) -> None:
+    placing = Placing(200, 0, 0, 0)
+    bench.finger.put(placing)
+    bench.finger.put(placing.empty)
 
 
 def assigned(name: str, value: Any) -> Callable[[Stimulator, Path], object]:
@@ -122,7 +158,11 @@ WHOLE: dict[str, Callable[[Stimulator, Path], object]] = {
     "cof": assigned("cof", (0.3, 0.4)),
     "disarm": lambda bench, _: bench.disarm(),
     "events": lambda bench, _: heard(bench),
-    "finger": lambda bench, _: bench.finger.stroke(2),
+    "finger.play_recording": lambda bench, _: without_recording(bench),
+    "finger.stroke": lambda bench, _: bench.finger.stroke(2),
+    "finger.lift": lambda bench, _: bench.finger.lift(),
+    "finger.put": lambda bench, _: weighed(bench),
+    "finger.surroundings": lambda bench, _: bench.finger.surroundings(seed=3, temperature=30),
     "frequency": assigned("frequency", 43_400.0),
     "get": lambda bench, _: bench.get("Limit.Voltage"),
     "law": assigned("law", "measured"),
@@ -156,7 +196,10 @@ OTHERS = {"simulate", "connect", "close", "arm"}
 
 def test_every_call_of_a_bench_has_its_rule() -> None:
     public = {name for name in dir(Stimulator) if not name.startswith("_")}
-    assert public - {"finger"} == ({*WHOLE, *LOOPS} | OTHERS) - {"finger"}
+    assert public == {name.partition(".")[0] for name in {*WHOLE, *LOOPS}} | OTHERS
+    calls = {name for name, what in vars(SimulatedFinger).items() if inspect.isfunction(what)}
+    tried = {name.removeprefix("finger.") for name in WHOLE if name.startswith("finger.")}
+    assert {name for name in calls if not name.startswith("_")} == tried | {"recall", "begin"}
 
 
 @pytest.mark.parametrize("where", ["local", "bus", "real time"])
@@ -166,32 +209,49 @@ def test_every_call_is_whole_beside_a_run(
     with a_bench(where, virtual) as bench:
         bench.run(0.2)  # tared, so that it is ready
         with running_beside(bench) as run:
-            for name, act in WHOLE.items():
+            for act in WHOLE.values():
                 act(bench, tmp_path)
-                assert not run.done(), name
+                run.goes_on()
+            if where == "real time":  # else time passes by the cycles of one thread alone
+                heard(bench, 0.01)
             bench.arm()
-            for name, loop in LOOPS.items():
+            loops = list(LOOPS.values())
+            for loop in loops if where == "real time" else [*loops, lambda b: heard(b, 0.01)]:
                 with pytest.raises(BusyError, match="wait for its end"):
                     loop(bench)
-                assert (run.done(), bench.state, bench.mode) == (False, State.ARMED, Mode.OFF), name
+                run.goes_on()
+                assert (bench.state, bench.mode) == (State.ARMED, Mode.OFF)
 
 
 @pytest.mark.parametrize("where", ["local", "bus", "real time"])
 def test_a_pair_of_cof_is_never_half_written(where: str, virtual: dict[str, Any]) -> None:
     pairs = [(0.1, 0.2), (0.3, 0.4)]
-    with a_bench(where, virtual) as bench, running_beside(bench):
+    seen = [pairs[0]]
+    with a_bench(where, virtual) as bench, running_beside(bench) as run:
         bench.cof = pairs[0]
+        over = Event()
 
         def write(pair: tuple[float, float]) -> None:
-            for _ in range(20):
+            while not over.is_set():
                 bench.cof = pair
 
+        def changed_often() -> bool:
+            seen.extend(bench.cof for _ in range(20))
+            return sum(one != other for one, other in pairwise(seen)) >= 50
+
+        interval = sys.getswitchinterval()
+        sys.setswitchinterval(1e-6)  # else a thread without a bus seldom stops within a pair
         with ThreadPoolExecutor(2) as executor:
             writers = [executor.submit(write, pair) for pair in pairs]
-            seen = {bench.cof for _ in range(30)}
+            try:
+                until(changed_often)
+                run.goes_on()
+            finally:
+                over.set()
+                sys.setswitchinterval(interval)
             for writer in writers:
                 writer.result(GUARD_S)
-    assert seen <= set(pairs)
+    assert set(seen) == set(pairs)
 
 
 @pytest.mark.parametrize("where", ["local", "bus", "real time"])
@@ -199,5 +259,5 @@ def test_close_ends_the_run_of_another_thread_by_name(where: str, virtual: dict[
     with a_bench(where, virtual) as bench, running_beside(bench) as run:
         bench.close()
         with pytest.raises(BenchError, match=" was closed during this call") as caught:
-            run.result(GUARD_S)
+            run.future.result(GUARD_S)
         assert caught.value.trace is not None
