@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from typing import Any
 
 import pytest
-from nodes_on_a_bus import GUARD_S, in_threads, stimulator_with_plate
+from nodes_on_a_bus import GUARD_S, in_threads, stimulator_with_plate, until
 
 from smarttac_can.bench import BenchError, Event, FaultError, State, Stimulator
 from smarttac_can.vocabulary.faults import FaultKind
@@ -106,20 +106,20 @@ def test_a_statusword_that_no_tpdo_maps_is_named() -> None:
 def test_a_node_that_dies_and_comes_back(
     virtual: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("smarttac_can.bench.remote_device._HEARTBEATS_MISSED", 2)
     with ExitStack() as stack:
-        bench = None
         with in_threads(virtual, stimulator_with_plate(lockstep=False), lockstep=False):
             bench = stack.enter_context(Stimulator.connect(**virtual))
             events = stack.enter_context(bench.events())
-            first = next(events.within(GUARD_S))
-            assert first.state is State.READY
+            until(lambda: bench.state is State.READY)
             # A second of heartbeats that show the same is no event.
-            assert not list(events.within(1.2))
+            assert {event.state for event in events.within(1.2)} <= {State.READY}
+        # Only now, as a node of a busy machine may be late by more than two heartbeats.
+        monkeypatch.setattr("smarttac_can.bench.remote_device._HEARTBEATS_MISSED", 2)
         lost = next(event for event in events.within(GUARD_S) if event.kind == "heartbeat")
         assert lost == Event(32, "heartbeat", "lost")
         # Said once.
         assert not list(events.within(0.3))
+        monkeypatch.undo()
         with in_threads(virtual, stimulator_with_plate(lockstep=False), lockstep=False):
             back = next(events.within(GUARD_S))
             assert back == Event(32, "heartbeat", "boot-up")
