@@ -275,8 +275,11 @@ class Trace:
         missed = cut & (np.abs(self.cof - self.cof_reference) > _MISS * self.cof_reference)
         if np.count_nonzero(missed) <= max(_MOSTLY * np.count_nonzero(asked), _BRIEF_ROWS):
             return ""
-        wanted = {self.cof_reference[missed].min(), self.cof_reference[missed].max()}
-        low, high = np.quantile(self.cof[missed], _MIDDLE)
+        # A landing passes below a reference that friction cannot be lowered to.
+        above = missed & (self.cof > self.cof_reference)
+        side = max(above, missed & ~above, key=np.count_nonzero)
+        wanted = {self.cof_reference[side].min(), self.cof_reference[side].max()}
+        low, high = np.quantile(self.cof[side], _MIDDLE)
         return (
             f"the COF could not follow in {np.count_nonzero(missed) / np.count_nonzero(asked):.1%} "
             "of the rows with contact, where a limit was in the way: "
