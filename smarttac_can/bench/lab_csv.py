@@ -299,6 +299,8 @@ def _no_column(lines: Sequence[str], wanted: Sequence[str], separators: Sequence
             if score > best:
                 best, shown = score, (number, cells)
     number, cells = shown
+    if not any(map(str.strip, lines)):
+        return "the file is empty"
     if best[0] < 0:
         return f"no line of the first {_HEAD_BYTES // 1024} KiB has the columns {', '.join(wanted)}"
     missing = next((name for name in wanted if name not in {*cells, *map(_base, cells)}), wanted[0])

@@ -707,12 +707,14 @@ class Stimulator(NamedObjects):
                 progress(len(rows) / cycles)
             if interrupted():
                 raise RunInterruptedError(f"interrupted after {len(rows)} of {cycles} cycles")
+            state = self.state
             if len(rows) < cycles * _LEAST_RECORDED:
+                if not knew_fault:  # it says why, and stays latched
+                    self._require_no_fault(state, made(rows))
                 raise NotRunningError(
                     f"{cycles - len(rows)} of {cycles} cycles were lost: is this machine too "
                     "busy, or the bus too slow for it?"
                 )
-            state = self.state
         trace = made(rows[:cycles])
         if not knew_fault:
             self._require_no_fault(state, trace)

@@ -467,6 +467,16 @@ def test_a_run_of_which_most_is_lost() -> None:
             bench.run(0.007)
 
 
+def test_a_run_of_which_most_is_lost_names_the_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    with Stimulator.simulate("local") as bench:
+        scripted(bench, [0, 1, 2])
+        monkeypatch.setattr(Stimulator, "state", State.FAULT)
+        with pytest.raises(FaultError) as caught:
+            bench.run(0.007)
+        assert len(caught.value.trace) == 3
+        monkeypatch.undo()
+
+
 def test_a_quick_stop_ends_a_run_and_changes_nothing_at_rest(bench: Stimulator) -> None:
     bench.quick_stop()
     bench.finger.lift()
