@@ -50,6 +50,7 @@ from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.eds import load_eds
 from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.canopen.od.object_reference import table
+from smarttac_can.host.files import read_eds_file
 from smarttac_can.host.python_can import PythonCanBus
 from smarttac_can.instrument.nodes.device_node import DeviceNode
 
@@ -203,7 +204,7 @@ START_S, PAUSE_S = 1.0, 0.05
 def judged_stack(options: dict[str, Any]) -> Verdicts:
     """Judge the node that a command line starts on a bus, by its EDS."""
     eds, node_id = Path(options["eds"]), options["node_id"]
-    text = eds.read_text(encoding="latin-1")
+    text = read_eds_file(eds)
     with (
         started(options["command"]),
         closing(PythonCanBus(options["interface"], options["channel"])) as bus,
@@ -257,7 +258,7 @@ def deviations() -> list[dict[str, Any]]:
 
 def all_devices(built: list[Verdicts]) -> list[Verdicts]:
     """Judge the devices of this machine; those that somebody has built stay as they are."""
-    text = EDS.read_text(encoding="latin-1")
+    text = read_eds_file(EDS)
     with ThreadPoolExecutor() as pool:
         runs = {name: pool.submit(judge, text) for name, judge in DEVICES.items()}
         return [as_data(name, EDS.name, run.result()) for name, run in runs.items()] + built

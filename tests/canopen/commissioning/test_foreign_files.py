@@ -68,8 +68,11 @@ def test_a_formula_of_a_value_is_resolved(
     assert not [line for line in made.splitlines() if line.startswith(("ParameterValue=$", "2=$"))]
 
 
-def test_a_file_without_bit_rates_becomes_a_dcf(tmp_path: Path) -> None:
-    text = small_eds().replace(RATES, RATES.replace("=1", "=0"))
+@pytest.mark.parametrize(
+    "rates", [RATES.replace("=1", "=0"), RATES.replace("=1", "="), ""], ids=["0", "empty", "none"]
+)
+def test_a_file_without_bit_rates_becomes_a_dcf(rates: str, tmp_path: Path) -> None:
+    text = small_eds().replace(RATES, rates)
     assert text != small_eds()
     eds, made = written(tmp_path, text), tmp_path / "a.dcf"
     options = ("--node-id", "9", "--output", made)
@@ -91,7 +94,7 @@ XDD = '<?xml version="1.0" encoding="utf-8"?>\n<ISO15745ProfileContainer/>\n'
 
 
 def test_an_xdd_is_called_an_xdd(tmp_path: Path) -> None:
-    for text in (XDD, "\ufeff\n" + XDD):
+    for text in (XDD, "\ufeff\n" + XDD, XDD.partition("\n")[2]):
         with pytest.raises(EDSError, match="it is XML, as an XDD of CiA 311, and no EDS: export"):
             load_eds(text, 1)
         assert [str(f)[:9] for f in check_eds(text, "a.xdd")] == ["it is XML"]
