@@ -19,30 +19,7 @@ from smarttac_can.canopen.device.lss import LSS_NAMES
 from smarttac_can.canopen.device.mapping import Direction, Mapping, compile_mapping
 from smarttac_can.canopen.device.nmt import STATES, NMTState
 from smarttac_can.canopen.od import cia
-from smarttac_can.canopen.od.cia import (
-    CAN_ID_MASK,
-    COB_INVALID,
-    EMCY_COB_ID,
-    EMCY_ID,
-    FRAME_BYTES,
-    HEARTBEAT_ID,
-    LSS_MASTER_ID,
-    LSS_SLAVE_ID,
-    NMT_ID,
-    PDO_COB_ID,
-    PDO_COUNT,
-    RPDO_COMMUNICATION,
-    RPDO_MAPPING,
-    SDO_RX_ID,
-    SDO_TX_ID,
-    SYNC_ID,
-    TIME_ID,
-    TPDO_COMMUNICATION,
-    TPDO_MAPPING,
-    Abort,
-    DataType,
-    NMTCommand,
-)
+from smarttac_can.canopen.od.cia import Abort, DataType, NMTCommand
 from smarttac_can.canopen.od.data_types import SIZES
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.eds import load_eds
@@ -70,8 +47,8 @@ from smarttac_can.vocabulary.meanings import (
 
 _PACKAGED: Final = {STIMULATOR_ID: "stimulator.eds", PLATE_ID: "plate.eds"}
 _DIRECTIONS: Final = (
-    ("RPDO", RPDO_COMMUNICATION, RPDO_MAPPING, Direction.RECEIVE),
-    ("TPDO", TPDO_COMMUNICATION, TPDO_MAPPING, Direction.TRANSMIT),
+    ("RPDO", cia.RPDO_COMMUNICATION, cia.RPDO_MAPPING, Direction.RECEIVE),
+    ("TPDO", cia.TPDO_COMMUNICATION, cia.TPDO_MAPPING, Direction.TRANSMIT),
 )
 _NODE_IDS: Final = range(1, 128)
 _WAIT_S: Final = 0.1
@@ -102,9 +79,9 @@ class FrameText:
             self._ods[od.node_id] = od
             self._fields[od.node_id] = FIELDS if is_ours(od) else {}
             self._add_pdos(self._names[od.node_id], od)
-            cob_id = od.number(EMCY_COB_ID, absent=COB_INVALID)
-            if not cob_id & COB_INVALID:
-                self._emcy[cob_id & CAN_ID_MASK] = od.node_id
+            cob_id = od.number(cia.EMCY_COB_ID, absent=cia.COB_INVALID)
+            if not cob_id & cia.COB_INVALID:
+                self._emcy[cob_id & cia.CAN_ID_MASK] = od.node_id
 
     def of_message(self, message: can.Message) -> str:
         """Return the meaning of a message of a log in one line, also of one that is no CANopen."""
@@ -120,7 +97,7 @@ class FrameText:
     def of(self, frame: Frame) -> str:
         """Return the meaning of a frame in one line."""
         can_id, data = frame.can_id, frame.data
-        if can_id == NMT_ID:
+        if can_id == cia.NMT_ID:
             return _nmt(data, self._names)
         if pdos := self._pdos.get(can_id):
             return "; ".join(f"{name}: {self._pdo(od, m, frame)}" for name, od, m in pdos)
@@ -129,10 +106,10 @@ class FrameText:
         if can_id in _OF_ALL:
             return _OF_ALL[can_id](data)
         for base, text_of in (
-            (EMCY_ID, self._emergency),
-            (SDO_TX_ID, self._answer),
-            (SDO_RX_ID, self._request),
-            (HEARTBEAT_ID, _heartbeat),
+            (cia.EMCY_ID, self._emergency),
+            (cia.SDO_TX_ID, self._answer),
+            (cia.SDO_RX_ID, self._request),
+            (cia.HEARTBEAT_ID, _heartbeat),
         ):
             if can_id - base in _NODE_IDS:
                 node = can_id - base
@@ -141,15 +118,15 @@ class FrameText:
 
     def _add_pdos(self, name: str, od: ObjectDictionary) -> None:
         for kind, communication, mapping, direction in _DIRECTIONS:
-            for number in range(PDO_COUNT):
-                cob_id = od.get(communication + number, PDO_COB_ID)
-                if cob_id is None or cob_id.default & COB_INVALID:
+            for number in range(cia.PDO_COUNT):
+                cob_id = od.get(communication + number, cia.PDO_COB_ID)
+                if cob_id is None or cob_id.default & cia.COB_INVALID:
                     continue
                 try:
                     compiled = compile_mapping(od, mapping + number, direction)
                 except Abort:  # a multiplexed PDO, or a mapping of what the EDS does not have
                     compiled = None
-                same = self._pdos.setdefault(cob_id.default & CAN_ID_MASK, [])
+                same = self._pdos.setdefault(cob_id.default & cia.CAN_ID_MASK, [])
                 same.append((f"{name} {kind} {number + 1}", od, compiled))
 
     def _pdo(self, od: ObjectDictionary, mapping: Mapping | None, frame: Frame) -> str:
@@ -169,7 +146,7 @@ class FrameText:
         code = int.from_bytes(data[:2], "little")
         if self._fields.get(node):
             return f"EMCY {code:04X}h: {emergency_text(code)}"
-        if len(data) != FRAME_BYTES:
+        if len(data) != cia.FRAME_BYTES:
             return f"EMCY {data.hex(' ')}, no 8 bytes"
         more = f", manufacturer {data[3:].hex(' ')}" if any(data[3:]) else ""
         return f"EMCY {code:04X}h: {cia.emergency_text(code)}; error register {data[2]:02X}h{more}"
@@ -182,14 +159,14 @@ class FrameText:
 
     def _sdo(self, node: int, frame: Frame, verbs: tuple[str, str]) -> str:
         data = frame.data
-        if len(data) != FRAME_BYTES:
+        if len(data) != cia.FRAME_BYTES:
             return f"{data.hex(' ')}, no SDO"
         index, subindex, command = data[1] | data[2] << 8, data[3], data[0]
         entry = self._ods[node].get(index, subindex) if node in self._ods else None
         what = f"{index:04X}h:{subindex} {entry.name if entry else ''}".rstrip()
         if command == _ABORT:
             return f"abort, {what}: {Abort(int.from_bytes(data[4:], 'little'))}"
-        answer = SDO_TX_ID <= frame.can_id < SDO_RX_ID
+        answer = cia.SDO_TX_ID <= frame.can_id < cia.SDO_RX_ID
         carries = _UPLOAD if answer else _DOWNLOAD
         specifier = command >> 5
         if specifier == carries and command & _EXPEDITED:
@@ -225,7 +202,7 @@ def _time(data: bytes) -> str:
 
 
 def _lss(data: bytes) -> str:
-    if len(data) != FRAME_BYTES:
+    if len(data) != cia.FRAME_BYTES:
         return f"LSS {data.hex(' ')}, no 8 bytes"
     name = LSS_NAMES.get(data[0], f"command {data[0]:02X}h")
     return f"LSS {name}: {data[1:].hex(' ')}"
@@ -233,10 +210,10 @@ def _lss(data: bytes) -> str:
 
 _MILLISECONDS: Final = (1 << 28) - 1
 _OF_ALL: Final = {
-    SYNC_ID: _sync,
-    TIME_ID: _time,
-    LSS_MASTER_ID: _lss,
-    LSS_SLAVE_ID: _lss,
+    cia.SYNC_ID: _sync,
+    cia.TIME_ID: _time,
+    cia.LSS_MASTER_ID: _lss,
+    cia.LSS_SLAVE_ID: _lss,
 }
 """Services without a node, by their CAN-ID."""
 

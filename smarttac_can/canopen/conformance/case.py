@@ -6,31 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from smarttac_can.canopen.od.cia import (
-    CAN_ID_MASK,
-    COB_INVALID,
-    COB_NO_RTR,
-    COB_SYNC_PRODUCER,
-    COMMUNICATION_LAST,
-    DEVICE_NAME,
-    EMCY_COB_ID,
-    EXPEDITED_BYTES,
-    HEARTBEAT_CONSUMER,
-    NMT_STARTUP,
-    PDO_COB_ID,
-    PDO_COUNT,
-    PDO_TRANSMISSION,
-    RESTORE_DEFAULTS,
-    RPDO_COMMUNICATION,
-    RPDO_MAPPING,
-    STORE_PARAMETERS,
-    SYNC_COB_ID,
-    SYNC_PERIOD,
-    TPDO_COMMUNICATION,
-    TPDO_MAPPING,
-    VERIFY_CONFIGURATION,
-    DataType,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import DataType
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.eds import load_eds, parse_integer, read_sections
 from smarttac_can.canopen.od.entry import Entry
@@ -126,7 +103,7 @@ class Result(NamedTuple):
     remarks: tuple[str, ...] = ()
 
 
-COMMANDS: Final = frozenset({STORE_PARAMETERS, RESTORE_DEFAULTS})
+COMMANDS: Final = frozenset({cia.STORE_PARAMETERS, cia.RESTORE_DEFAULTS})
 """Objects in which a write is a command, so that their values are never written back."""
 
 
@@ -159,14 +136,14 @@ class DeviceDescription:
         self.od: ObjectDictionary = load_eds(text, node_id)
         self.node_id = node_id
         self.sections = read_sections(text, [])
-        self.tpdos = self._pdos(TPDO_COMMUNICATION, TPDO_MAPPING)
-        self.rpdos = self._pdos(RPDO_COMMUNICATION, RPDO_MAPPING)
+        self.tpdos = self._pdos(cia.TPDO_COMMUNICATION, cia.TPDO_MAPPING)
+        self.rpdos = self._pdos(cia.RPDO_COMMUNICATION, cia.RPDO_MAPPING)
 
     def _pdos(self, communication: int, mapping: int) -> list[Pdo]:
         objects = self.od.objects
         return [
             Pdo(communication + n, mapping + n)
-            for n in range(PDO_COUNT)
+            for n in range(cia.PDO_COUNT)
             if communication + n in objects and mapping + n in objects
         ]
 
@@ -205,28 +182,28 @@ class DeviceDescription:
     @property
     def starts_itself(self) -> bool:
         """Whether the device enters OPERATIONAL by itself (1F80h, CiA 302-2)."""
-        return not self.od.number(NMT_STARTUP, absent=NO_AUTOSTART) & NO_AUTOSTART
+        return not self.od.number(cia.NMT_STARTUP, absent=NO_AUTOSTART) & NO_AUTOSTART
 
     @property
     def produces_sync(self) -> bool:
         """Whether the device produces SYNC by its default values."""
-        producer = self.od.number(SYNC_COB_ID) & COB_SYNC_PRODUCER
-        return bool(producer and self.od.number(SYNC_PERIOD))
+        producer = self.od.number(cia.SYNC_COB_ID) & cia.COB_SYNC_PRODUCER
+        return bool(producer and self.od.number(cia.SYNC_PERIOD))
 
     @property
     def sends_emcy(self) -> bool:
         """Whether EMCY exists and is valid by its default value."""
-        return self.has(EMCY_COB_ID) and not self.od.number(EMCY_COB_ID) & COB_INVALID
+        return self.has(cia.EMCY_COB_ID) and not self.od.number(cia.EMCY_COB_ID) & cia.COB_INVALID
 
     @property
     def pdo_ids(self) -> set[int]:
         """CAN-IDs of all PDOs by their default values."""
         pdos = self.tpdos + self.rpdos
-        return {self.od.number(pdo.communication, PDO_COB_ID) & CAN_ID_MASK for pdo in pdos}
+        return {self.od.number(pdo.communication, cia.PDO_COB_ID) & cia.CAN_ID_MASK for pdo in pdos}
 
     def allows_rtr(self, pdo: Pdo) -> bool:
         """Return whether a PDO allows remote frames by its default COB-ID (bit 30)."""
-        return not self.od.number(pdo.communication, PDO_COB_ID) & COB_NO_RTR
+        return not self.od.number(pdo.communication, cia.PDO_COB_ID) & cia.COB_NO_RTR
 
     def states_default(self, entry: Entry) -> bool:
         """Return whether the EDS states a default value of an entry."""
@@ -247,9 +224,9 @@ class DeviceDescription:
             pdo
             for pdo in pdos
             if self.mapped(pdo)
-            and self.writable(pdo.communication, PDO_COB_ID)
-            and self.writable(pdo.communication, PDO_TRANSMISSION)
-            and self.od.number(pdo.communication, PDO_COB_ID) & CAN_ID_MASK
+            and self.writable(pdo.communication, cia.PDO_COB_ID)
+            and self.writable(pdo.communication, cia.PDO_TRANSMISSION)
+            and self.od.number(pdo.communication, cia.PDO_COB_ID) & cia.CAN_ID_MASK
         ]
 
     def mappable(self, pdos: list[Pdo]) -> list[Pdo]:
@@ -262,8 +239,11 @@ class DeviceDescription:
 
     def number_entries(self) -> list[Entry]:
         """Return the rw numbers of 4 bytes, those without side effects first."""
-        harmless = [self.od.get(VERIFY_CONFIGURATION, 1), self.od.get(HEARTBEAT_CONSUMER, 1)]
-        words = (e for e in self.od if e.index > COMMUNICATION_LAST)
+        harmless = [
+            self.od.get(cia.VERIFY_CONFIGURATION, 1),
+            self.od.get(cia.HEARTBEAT_CONSUMER, 1),
+        ]
+        words = (e for e in self.od if e.index > cia.COMMUNICATION_LAST)
         return [
             entry
             for entry in (*harmless, *words)
@@ -276,9 +256,11 @@ class DeviceDescription:
 
     def long_entry(self) -> Entry | None:
         """Return a readable entry that needs more than one frame; None if there is none."""
-        name = self.od.get(DEVICE_NAME)
+        name = self.od.get(cia.DEVICE_NAME)
         candidates = ([] if name is None else [name]) + list(self.od)
-        return next((e for e in candidates if e.readable and _length(e) > EXPEDITED_BYTES), None)
+        return next(
+            (e for e in candidates if e.readable and _length(e) > cia.EXPEDITED_BYTES), None
+        )
 
     def long_writable(self) -> Entry | None:
         """Return an rw entry of the application with more than 4 bytes; None if there is none."""
@@ -286,9 +268,9 @@ class DeviceDescription:
             (
                 entry
                 for entry in self.od
-                if entry.index > COMMUNICATION_LAST
+                if entry.index > cia.COMMUNICATION_LAST
                 and entry.access == "rw"
-                and _length(entry) > EXPEDITED_BYTES
+                and _length(entry) > cia.EXPEDITED_BYTES
                 and self.scans_write(entry)
             ),
             None,
@@ -312,7 +294,7 @@ def needs_object(index: int, subindex: int = 0, *, writable: bool = False) -> Ne
     return reason
 
 
-needs_sync = needs_object(SYNC_COB_ID)
+needs_sync = needs_object(cia.SYNC_COB_ID)
 
 
 def needs_tpdo(sheet: DeviceDescription) -> str | None:

@@ -17,59 +17,47 @@ from smarttac_can.canopen.conformance.examiner import (
     upload,
     write_number,
 )
-from smarttac_can.canopen.od.cia import (
-    CAN_ID_MASK,
-    COB_INVALID,
-    EMCY_COB_ID,
-    EMCY_INHIBIT,
-    ERROR_FIELD,
-    ERROR_REGISTER,
-    FRAME_BYTES,
-    HEARTBEAT_CONSUMER,
-    HEARTBEAT_ID,
-    LAST_NODE_ID,
-    EmergencyCode,
-    ErrorRegister,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import EmergencyCode, ErrorRegister
 
 # The error that a case causes and clears: a supervised node falls silent and returns.
 
 WATCH_MS = 60
 _OPERATIONAL = b"\x05"
 
-needs_consumer = needs_object(HEARTBEAT_CONSUMER, 1, writable=True)
+needs_consumer = needs_object(cia.HEARTBEAT_CONSUMER, 1, writable=True)
 
 
 def needs_emcy(sheet: DeviceDescription) -> str | None:
     """Require an EMCY that is valid by the default value of its COB-ID."""
-    if not sheet.has(EMCY_COB_ID):
-        return f"the EDS has no {EMCY_COB_ID:04X}h:00"
+    if not sheet.has(cia.EMCY_COB_ID):
+        return f"the EDS has no {cia.EMCY_COB_ID:04X}h:00"
     return None if sheet.sends_emcy else "the EDS has bit 31 of 1014h set: there is no EMCY"
 
 
 def other_node(examiner: Examiner) -> int:
     """Return a node-ID that is not the device's, and that it does not supervise by default."""
-    consumers = examiner.sheet.od.objects.get(HEARTBEAT_CONSUMER)
+    consumers = examiner.sheet.od.objects.get(cia.HEARTBEAT_CONSUMER)
     values = [] if consumers is None else consumers.entries
-    taken = {int(examiner.sheet.od.number(HEARTBEAT_CONSUMER, n)) >> 16 & 0x7F for n in values}
-    return max(set(range(1, LAST_NODE_ID + 1)) - taken - {examiner.node_id})
+    taken = {int(examiner.sheet.od.number(cia.HEARTBEAT_CONSUMER, n)) >> 16 & 0x7F for n in values}
+    return max(set(range(1, cia.LAST_NODE_ID + 1)) - taken - {examiner.node_id})
 
 
 def emcy_id(examiner: Examiner) -> int:
     """Return the CAN-ID of the device's EMCY in the EDS."""
-    return examiner.sheet.od.number(EMCY_COB_ID) & CAN_ID_MASK
+    return examiner.sheet.od.number(cia.EMCY_COB_ID) & cia.CAN_ID_MASK
 
 
 def watch(examiner: Examiner) -> None:
     """Configure the device to supervise another node, and send one heartbeat of that node."""
-    write_number(examiner, HEARTBEAT_CONSUMER, 1, other_node(examiner) << 16 | WATCH_MS)
+    write_number(examiner, cia.HEARTBEAT_CONSUMER, 1, other_node(examiner) << 16 | WATCH_MS)
     examiner.drain()
     heartbeat(examiner)
 
 
 def heartbeat(examiner: Examiner) -> None:
     """Send a heartbeat of the other node."""
-    examiner.send(HEARTBEAT_ID + other_node(examiner), _OPERATIONAL)
+    examiner.send(cia.HEARTBEAT_ID + other_node(examiner), _OPERATIONAL)
 
 
 def expect_emcy(examiner: Examiner, code: EmergencyCode, timeout: float | None = None) -> bytes:
@@ -81,7 +69,7 @@ def expect_emcy(examiner: Examiner, code: EmergencyCode, timeout: float | None =
         No EMCY comes within the time-out in s, or it has another code.
     """
     data = examiner.expect(emcy_id(examiner), f"EMCY {code:04X}h", timeout).data
-    if len(data) != FRAME_BYTES:
+    if len(data) != cia.FRAME_BYTES:
         raise Failure(f"EMCY of {len(data)} bytes")
     if int.from_bytes(data[:2], "little") != code:
         raise Failure(f"EMCY {data.hex(' ')} instead of {code:04X}h")
@@ -96,7 +84,7 @@ def lose_node(examiner: Examiner) -> bytes:
 
 _INHIBIT_MS = 100
 _SLACK_MS = 20
-_has_history = needs_object(ERROR_FIELD)
+_has_history = needs_object(cia.ERROR_FIELD)
 
 
 _emcy = Group("EMCY", (needs_emcy, needs_consumer))
@@ -107,7 +95,7 @@ def message(examiner: Examiner) -> None:
     """Message of an error."""
     data = lose_node(examiner)
     examiner.silence(emcy_id(examiner), "second EMCY of one error")
-    register = upload(examiner, ERROR_REGISTER)[0]
+    register = upload(examiner, cia.ERROR_REGISTER)[0]
     if data[2] != register:
         raise Failure(f"EMCY with error register {data[2]:02X}h, object 1001h is {register:02X}h")
     if not register & ErrorRegister.GENERIC or not register & ErrorRegister.COMMUNICATION:
@@ -120,7 +108,7 @@ def error_reset(examiner: Examiner) -> None:
     lose_node(examiner)
     heartbeat(examiner)
     data = expect_emcy(examiner, EmergencyCode.RESET)
-    if data[2] or upload(examiner, ERROR_REGISTER)[0]:
+    if data[2] or upload(examiner, cia.ERROR_REGISTER)[0]:
         raise Failure("the error register is not 0 when the last error is gone")
 
 
@@ -132,14 +120,14 @@ def error_reset(examiner: Examiner) -> None:
 )
 def history(examiner: Examiner) -> None:
     """History."""
-    if examiner.sheet.writable(ERROR_FIELD):
-        write_number(examiner, ERROR_FIELD, 0, 0)
-    before = number(examiner, ERROR_FIELD)
+    if examiner.sheet.writable(cia.ERROR_FIELD):
+        write_number(examiner, cia.ERROR_FIELD, 0, 0)
+    before = number(examiner, cia.ERROR_FIELD)
     lose_node(examiner)
-    count = number(examiner, ERROR_FIELD)
+    count = number(examiner, cia.ERROR_FIELD)
     if count != before + 1:
         raise Failure(f"{before} errors in the history, then {count} after one more")
-    newest = number(examiner, ERROR_FIELD, 1) & 0xFFFF
+    newest = number(examiner, cia.ERROR_FIELD, 1) & 0xFFFF
     if newest != EmergencyCode.ERROR_CONTROL:
         raise Failure(f"{newest:04X}h is the newest error, 8130h was sent")
 
@@ -154,31 +142,31 @@ def clear_history(examiner: Examiner) -> None:
     """Clearing the history."""
 
     def write(value: int) -> None:
-        download(examiner, ERROR_FIELD, 0, bytes((value,)))
+        download(examiner, cia.ERROR_FIELD, 0, bytes((value,)))
 
     with examiner.refused("1 written to the history", refusals.OUT_OF_RANGE):
         write(1)
     write(0)
-    if number(examiner, ERROR_FIELD):
+    if number(examiner, cia.ERROR_FIELD):
         raise Failure("the history is not empty after it was cleared")
     with examiner.refused("an empty place of the history", refusals.NO_DATA):
-        upload(examiner, ERROR_FIELD, 1)
+        upload(examiner, cia.ERROR_FIELD, 1)
 
 
 @case(
     _emcy,
     5,
     "7.5.2.17: with bit 31 EMCY is silent; the CAN-ID of a valid one cannot be changed.",
-    needs_object(EMCY_COB_ID, writable=True),
+    needs_object(cia.EMCY_COB_ID, writable=True),
 )
 def cob_id(examiner: Examiner) -> None:
     """COB-ID."""
-    value = number(examiner, EMCY_COB_ID)
-    if value != examiner.sheet.od.number(EMCY_COB_ID):
+    value = number(examiner, cia.EMCY_COB_ID)
+    if value != examiner.sheet.od.number(cia.EMCY_COB_ID):
         raise Failure(f"COB-ID EMCY is {value:08X}h, not as the EDS says")
     with examiner.refused("CAN-ID of a valid EMCY"):
-        write_number(examiner, EMCY_COB_ID, 0, value ^ 0x100)
-    write_number(examiner, EMCY_COB_ID, 0, value | COB_INVALID)
+        write_number(examiner, cia.EMCY_COB_ID, 0, value ^ 0x100)
+    write_number(examiner, cia.EMCY_COB_ID, 0, value | cia.COB_INVALID)
     watch(examiner)
     examiner.silence(emcy_id(examiner), "EMCY that is disabled", WATCH_MS * 1e-3 + examiner.watch)
 
@@ -187,11 +175,11 @@ def cob_id(examiner: Examiner) -> None:
     _emcy,
     6,
     "7.5.2.18: the least time between two messages.",
-    needs_object(EMCY_INHIBIT, writable=True),
+    needs_object(cia.EMCY_INHIBIT, writable=True),
 )
 def inhibit_time(examiner: Examiner) -> None:
     """Inhibit time."""
-    write_number(examiner, EMCY_INHIBIT, 0, 10 * _INHIBIT_MS)
+    write_number(examiner, cia.EMCY_INHIBIT, 0, 10 * _INHIBIT_MS)
     watch(examiner)
     first = examiner.wait(emcy_id(examiner), WATCH_MS * 1e-3 + examiner.timeout)
     heartbeat(examiner)

@@ -21,15 +21,8 @@ from smarttac_can.canopen.conformance.emcy import (
 )
 from smarttac_can.canopen.conformance.examiner import Examiner, number, periodic, write_number
 from smarttac_can.canopen.device.nmt import NMTState
-from smarttac_can.canopen.od.cia import (
-    BOOT_UP,
-    GUARD_TIME,
-    HEARTBEAT_CONSUMER,
-    HEARTBEAT_PRODUCER,
-    LIFE_TIME_FACTOR,
-    EmergencyCode,
-    NMTCommand,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import EmergencyCode, NMTCommand
 
 PERIOD_MS = 60
 _FACTOR = 3
@@ -41,14 +34,14 @@ STATES = {
 }
 """NMT state after each command."""
 
-needs_producer = needs_object(HEARTBEAT_PRODUCER, writable=True)
-needs_guarding = needs_object(GUARD_TIME, writable=True)
-needs_life_time = needs_object(LIFE_TIME_FACTOR, writable=True)
+needs_producer = needs_object(cia.HEARTBEAT_PRODUCER, writable=True)
+needs_guarding = needs_object(cia.GUARD_TIME, writable=True)
+needs_life_time = needs_object(cia.LIFE_TIME_FACTOR, writable=True)
 
 
 def heartbeat_can_end(sheet: DeviceDescription) -> str | None:
     """Require that the heartbeat can be disabled, so that guarding is possible."""
-    if sheet.od.number(HEARTBEAT_PRODUCER) and not sheet.writable(HEARTBEAT_PRODUCER):
+    if sheet.od.number(cia.HEARTBEAT_PRODUCER) and not sheet.writable(cia.HEARTBEAT_PRODUCER):
         return "the EDS has a heartbeat that cannot be switched off"
     return None
 
@@ -56,9 +49,9 @@ def heartbeat_can_end(sheet: DeviceDescription) -> str | None:
 def end_heartbeat(examiner: Examiner) -> None:
     """Disable the heartbeat, so that guarding is possible, and a default life guarding."""
     od = examiner.sheet.od
-    if od.number(GUARD_TIME) and od.number(LIFE_TIME_FACTOR):
-        write_number(examiner, GUARD_TIME, 0, 0)
-    if od.number(HEARTBEAT_PRODUCER):
+    if od.number(cia.GUARD_TIME) and od.number(cia.LIFE_TIME_FACTOR):
+        write_number(examiner, cia.GUARD_TIME, 0, 0)
+    if od.number(cia.HEARTBEAT_PRODUCER):
         set_period(examiner, 0)
         examiner.settle()
 
@@ -84,7 +77,7 @@ def no_answer(examiner: Examiner, why: str) -> None:
 
 def set_period(examiner: Examiner, period_ms: int = PERIOD_MS) -> None:
     """Write the producer time of the device's heartbeat in ms."""
-    write_number(examiner, HEARTBEAT_PRODUCER, 0, period_ms)
+    write_number(examiner, cia.HEARTBEAT_PRODUCER, 0, period_ms)
 
 
 def beats(examiner: Examiner, period_ms: int = PERIOD_MS) -> list[int]:
@@ -104,8 +97,8 @@ def beats(examiner: Examiner, period_ms: int = PERIOD_MS) -> list[int]:
 
 def start_life_guarding(examiner: Examiner) -> None:
     """Write guard time and life time factor, so that the device expects remote frames."""
-    write_number(examiner, GUARD_TIME, 0, PERIOD_MS)
-    write_number(examiner, LIFE_TIME_FACTOR, 0, _FACTOR)
+    write_number(examiner, cia.GUARD_TIME, 0, PERIOD_MS)
+    write_number(examiner, cia.LIFE_TIME_FACTOR, 0, _FACTOR)
 
 
 LIFE_TIME_S = 1e-3 * PERIOD_MS * _FACTOR
@@ -200,12 +193,12 @@ def boot_up(examiner: Examiner) -> None:
     _hb,
     2,
     "7.5.2.20: after a reset it is that of the EDS; 0 means silence.",
-    needs_object(HEARTBEAT_PRODUCER),
+    needs_object(cia.HEARTBEAT_PRODUCER),
 )
 def default_period(examiner: Examiner) -> None:
     """Default producer time."""
-    stated = examiner.sheet.od.number(HEARTBEAT_PRODUCER)
-    period = number(examiner, HEARTBEAT_PRODUCER)
+    stated = examiner.sheet.od.number(cia.HEARTBEAT_PRODUCER)
+    period = number(examiner, cia.HEARTBEAT_PRODUCER)
     if period != stated:
         raise Failure(f"producer time {period} ms, the EDS says {stated} ms")
     if period:
@@ -254,7 +247,7 @@ def new_period(examiner: Examiner) -> None:
 )
 def consumer(examiner: Examiner) -> None:
     """Consumer."""
-    write_number(examiner, HEARTBEAT_CONSUMER, 1, other_node(examiner) << 16 | PERIOD_MS)
+    write_number(examiner, cia.HEARTBEAT_CONSUMER, 1, other_node(examiner) << 16 | PERIOD_MS)
     examiner.silence(emcy_id(examiner), "EMCY before the first heartbeat")
     lose_node(examiner)
     heartbeat(examiner)
@@ -265,14 +258,14 @@ def consumer(examiner: Examiner) -> None:
     7,
     "7.5.2.19: a node that is supervised already is refused by 06040043h.",
     needs_consumer,
-    needs_object(HEARTBEAT_CONSUMER, 2, writable=True),
+    needs_object(cia.HEARTBEAT_CONSUMER, 2, writable=True),
 )
 def consumer_twice(examiner: Examiner) -> None:
     """Consumer of one node twice."""
     value = other_node(examiner) << 16 | 5000
-    write_number(examiner, HEARTBEAT_CONSUMER, 1, value)
+    write_number(examiner, cia.HEARTBEAT_CONSUMER, 1, value)
     with examiner.refused("a second watch over one node", refusals.TAKEN_NODE):
-        write_number(examiner, HEARTBEAT_CONSUMER, 2, value)
+        write_number(examiner, cia.HEARTBEAT_CONSUMER, 2, value)
 
 
 # Guarding and heartbeat together (BOTH): they exclude each other.
@@ -345,8 +338,8 @@ def boot_up_with_heartbeat(examiner: Examiner) -> None:
     beats(examiner)
     examiner.await_boot_up(NMTCommand.RESET_COMMUNICATION)
     others = [arrival.frame.data for arrival in examiner.collect(examiner.heartbeat_id)]
-    if BOOT_UP in others:
-        raise Failure(f"{1 + others.count(BOOT_UP)} boot-ups after reset communication")
+    if cia.BOOT_UP in others:
+        raise Failure(f"{1 + others.count(cia.BOOT_UP)} boot-ups after reset communication")
 
 
 @case(
@@ -354,8 +347,8 @@ def boot_up_with_heartbeat(examiner: Examiner) -> None:
 )
 def parameters_reset(examiner: Examiner) -> None:
     """Parameters after reset communication."""
-    present = [i for i in (GUARD_TIME, LIFE_TIME_FACTOR) if examiner.sheet.writable(i)]
-    before = {i: number(examiner, i) for i in (*present, HEARTBEAT_PRODUCER)}
+    present = [i for i in (cia.GUARD_TIME, cia.LIFE_TIME_FACTOR) if examiner.sheet.writable(i)]
+    before = {i: number(examiner, i) for i in (*present, cia.HEARTBEAT_PRODUCER)}
     for index in before:
         write_number(examiner, index, 0, 77)
     examiner.reset(NMTCommand.RESET_COMMUNICATION)

@@ -14,19 +14,8 @@ from smarttac_can.canopen.conformance.case import DeviceDescription, Failure, No
 from smarttac_can.canopen.conformance.refusals import Refusal
 from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.master.requests import ABORT
-from smarttac_can.canopen.od.cia import (
-    BOOT_UP,
-    EXPEDITED_BYTES,
-    FRAME_BYTES,
-    HEARTBEAT_ID,
-    NMT_ID,
-    SDO_RX_ID,
-    SDO_TX_ID,
-    SYNC_COUNTER,
-    Abort,
-    AbortCode,
-    NMTCommand,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import Abort, AbortCode, NMTCommand
 
 _TRACE_LENGTH: Final = 24
 TIMEOUT_S: Final = 2.0
@@ -196,13 +185,13 @@ class Examiner:
 
     def sync(self, counter: int | None = None) -> None:
         """Send SYNC; the default counter is 1 if the EDS has a counter, else none."""
-        if counter is None and self.sheet.od.number(SYNC_COUNTER):
+        if counter is None and self.sheet.od.number(cia.SYNC_COUNTER):
             counter = 1
         self.send(self.sync_id, b"" if counter is None else bytes((counter,)))
 
     def nmt(self, command: int, node_id: int | None = None) -> None:
         """Send an NMT command to the device or to another node."""
-        self.send(NMT_ID, bytes((command, self.node_id if node_id is None else node_id)))
+        self.send(cia.NMT_ID, bytes((command, self.node_id if node_id is None else node_id)))
 
     def enter(self, command: int) -> None:
         """Send an NMT command to the device, and drop the frames that it causes."""
@@ -233,7 +222,7 @@ class Examiner:
         for arrival in self.arrivals(timeout):
             if arrival.frame.can_id != self.heartbeat_id or arrival.frame.rtr:
                 continue
-            if arrival.frame.data == BOOT_UP:
+            if arrival.frame.data == cia.BOOT_UP:
                 return
             instead = f", but {_text(arrival.frame)}"
         limit = self._limit(timeout)
@@ -255,7 +244,7 @@ class Examiner:
     @property
     def heartbeat_id(self) -> int:
         """CAN-ID of the device's error control frames."""
-        return HEARTBEAT_ID + self.node_id
+        return cia.HEARTBEAT_ID + self.node_id
 
     def request(self, data: bytes) -> bytes:
         """Send an SDO request of up to 8 bytes, padded with zeros; return the response."""
@@ -268,7 +257,7 @@ class Examiner:
         subcommand = data[0] & _SUBCOMMAND_BITS.get(data[0] >> 5, 0xFF)
         if not subcommand:
             self._multiplexer = data[1:4]
-        self.send(SDO_RX_ID + self.node_id, data.ljust(FRAME_BYTES, b"\0"))
+        self.send(cia.SDO_RX_ID + self.node_id, data.ljust(cia.FRAME_BYTES, b"\0"))
 
     def abort_transfer(self) -> None:
         """Abort the last transfer, which may still be open, by 08000000h."""
@@ -289,8 +278,8 @@ class Examiner:
         Failure
             No response is received within the time-out in s.
         """
-        data = self.expect(SDO_TX_ID + self.node_id, "SDO response", timeout).data
-        if len(data) != FRAME_BYTES:
+        data = self.expect(cia.SDO_TX_ID + self.node_id, "SDO response", timeout).data
+        if len(data) != cia.FRAME_BYTES:
             raise Failure(f"SDO response of {len(data)} bytes")
         if data[0] == ABORT:
             raise Abort(int.from_bytes(data[4:], "little"))
@@ -369,7 +358,7 @@ def download(examiner: Examiner, index: int, subindex: int, data: bytes) -> None
     Failure
         The device does not answer, or violates the protocol.
     """
-    if not 1 <= len(data) <= EXPEDITED_BYTES:
+    if not 1 <= len(data) <= cia.EXPEDITED_BYTES:
         download_segments(examiner, index, subindex, data)
         return
     where = address(index, subindex)

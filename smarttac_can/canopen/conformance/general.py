@@ -25,26 +25,8 @@ from smarttac_can.canopen.conformance.examiner import (
     write_number,
 )
 from smarttac_can.canopen.device.nmt import NMTState
-from smarttac_can.canopen.od.cia import (
-    COB_INVALID,
-    DEVICE_NAME,
-    DEVICE_TYPE,
-    EMCY_COB_ID,
-    ERROR_BEHAVIOUR,
-    ERROR_REGISTER,
-    HARDWARE_VERSION,
-    HEARTBEAT_PRODUCER,
-    IDENTITY,
-    PDO_COB_ID,
-    RESTORE_DEFAULTS,
-    SDO_SERVER_FIRST,
-    SDO_SERVER_LAST,
-    SOFTWARE_VERSION,
-    STORE_PARAMETERS,
-    VERIFY_CONFIGURATION,
-    Abort,
-    NMTCommand,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import Abort, NMTCommand
 from smarttac_can.canopen.od.data_types import pack
 from smarttac_can.canopen.od.eds import load_eds
 
@@ -54,8 +36,8 @@ _LOAD = b"load"
 _PERIOD_MS = 50
 _STORE_TIME_OUTS = 10
 _RESTRICTED = (0x000, 0x001, 0x07F, 0x101, 0x180, 0x581, 0x5FF, 0x601, 0x67F, 0x6E0, 0x701, 0x7FF)
-_has_store = needs_object(STORE_PARAMETERS, 1)
-_has_restore = needs_object(RESTORE_DEFAULTS, 1)
+_has_store = needs_object(cia.STORE_PARAMETERS, 1)
+_has_restore = needs_object(cia.RESTORE_DEFAULTS, 1)
 
 
 @case(
@@ -71,7 +53,7 @@ def eds_file(examiner: Examiner) -> None:
     faults = load_eds(ascii_only, examiner.node_id).warnings
     examiner.remarks += [w for w in examiner.sheet.od.warnings if w not in faults]
     faults = [w for w in faults if not w.endswith(UNIT_NOT_KNOWN)]
-    for index in (DEVICE_TYPE, ERROR_REGISTER, IDENTITY):
+    for index in (cia.DEVICE_TYPE, cia.ERROR_REGISTER, cia.IDENTITY):
         if index not in examiner.sheet.od.objects:
             faults.append(f"mandatory {index:04X}h is missing")
     if faults:
@@ -88,7 +70,12 @@ _other = Group("OTHER")
 )
 def identity(examiner: Examiner) -> None:
     """Identity."""
-    for index, subindex in ((DEVICE_TYPE, 0), (IDENTITY, 1), (IDENTITY, 2), (IDENTITY, 3)):
+    for index, subindex in (
+        (cia.DEVICE_TYPE, 0),
+        (cia.IDENTITY, 1),
+        (cia.IDENTITY, 2),
+        (cia.IDENTITY, 3),
+    ):
         entry = examiner.sheet.od.get(index, subindex)
         if entry is None or not examiner.sheet.states_default(entry):
             continue
@@ -100,7 +87,7 @@ def identity(examiner: Examiner) -> None:
 @case(_other, 2, "7.5.2.2: 0 after a reset without an error.")
 def error_register(examiner: Examiner) -> None:
     """Error register."""
-    register = number(examiner, ERROR_REGISTER)
+    register = number(examiner, cia.ERROR_REGISTER)
     if register:
         raise Failure(f"error register {register:02X}h after a reset")
 
@@ -109,7 +96,7 @@ def error_register(examiner: Examiner) -> None:
 def name_and_versions(examiner: Examiner) -> None:
     """Name and versions."""
     asked = 0
-    for index in (DEVICE_NAME, HARDWARE_VERSION, SOFTWARE_VERSION):
+    for index in (cia.DEVICE_NAME, cia.HARDWARE_VERSION, cia.SOFTWARE_VERSION):
         entry = examiner.sheet.od.get(index)
         if entry is None or not examiner.sheet.states_default(entry):
             continue
@@ -130,7 +117,7 @@ def _wrong_signatures(examiner: Examiner, index: int, signature: bytes) -> None:
 @case(_other, 4, "7.5.2.13: all but 'save', also in reverse, is aborted by 0800002xh.", _has_store)
 def store_signature(examiner: Examiner) -> None:
     """Signature for storing."""
-    _wrong_signatures(examiner, STORE_PARAMETERS, _SAVE)
+    _wrong_signatures(examiner, cia.STORE_PARAMETERS, _SAVE)
 
 
 def _command(examiner: Examiner, index: int, signature: bytes) -> None:
@@ -153,13 +140,13 @@ def _command(examiner: Examiner, index: int, signature: bytes) -> None:
 @case(_other, 5, "7.5.2.13: what was stored is in force after a reset.", _has_store, needs_producer)
 def store(examiner: Examiner) -> None:
     """Storing."""
-    before = number(examiner, HEARTBEAT_PRODUCER)
-    write_number(examiner, HEARTBEAT_PRODUCER, 0, before + 1000)
-    _command(examiner, STORE_PARAMETERS, _SAVE)
+    before = number(examiner, cia.HEARTBEAT_PRODUCER)
+    write_number(examiner, cia.HEARTBEAT_PRODUCER, 0, before + 1000)
+    _command(examiner, cia.STORE_PARAMETERS, _SAVE)
     examiner.reset(NMTCommand.RESET_NODE)
-    got = number(examiner, HEARTBEAT_PRODUCER)
-    write_number(examiner, HEARTBEAT_PRODUCER, 0, before)
-    _command(examiner, STORE_PARAMETERS, _SAVE)
+    got = number(examiner, cia.HEARTBEAT_PRODUCER)
+    write_number(examiner, cia.HEARTBEAT_PRODUCER, 0, before)
+    _command(examiner, cia.STORE_PARAMETERS, _SAVE)
     if got != before + 1000:
         raise Failure(f"producer time {before + 1000} ms stored, {got} ms after a reset")
 
@@ -169,7 +156,7 @@ def store(examiner: Examiner) -> None:
 )
 def restore_signature(examiner: Examiner) -> None:
     """Signature for restoring."""
-    _wrong_signatures(examiner, RESTORE_DEFAULTS, _LOAD)
+    _wrong_signatures(examiner, cia.RESTORE_DEFAULTS, _LOAD)
 
 
 def _values(examiner: Examiner) -> dict[tuple[int, int], bytes]:
@@ -193,7 +180,7 @@ def _put_back(examiner: Examiner, values: dict[tuple[int, int], bytes]) -> None:
     changed = {place: data for place, data in values.items() if upload(examiner, *place) != data}
     for (index, subindex), data in changed.items():
         download(examiner, index, subindex, data)
-    _command(examiner, STORE_PARAMETERS, _SAVE)
+    _command(examiner, cia.STORE_PARAMETERS, _SAVE)
 
 
 @case(
@@ -207,13 +194,13 @@ def _put_back(examiner: Examiner, values: dict[tuple[int, int], bytes]) -> None:
 def restore(examiner: Examiner) -> None:
     """Restoring."""
     values = _values(examiner)
-    stated = examiner.sheet.od.number(HEARTBEAT_PRODUCER)
-    write_number(examiner, HEARTBEAT_PRODUCER, 0, stated + 1000)
-    _command(examiner, STORE_PARAMETERS, _SAVE)
-    _command(examiner, RESTORE_DEFAULTS, _LOAD)
-    at_once = number(examiner, HEARTBEAT_PRODUCER)
+    stated = examiner.sheet.od.number(cia.HEARTBEAT_PRODUCER)
+    write_number(examiner, cia.HEARTBEAT_PRODUCER, 0, stated + 1000)
+    _command(examiner, cia.STORE_PARAMETERS, _SAVE)
+    _command(examiner, cia.RESTORE_DEFAULTS, _LOAD)
+    at_once = number(examiner, cia.HEARTBEAT_PRODUCER)
     examiner.reset(NMTCommand.RESET_NODE)
-    after = number(examiner, HEARTBEAT_PRODUCER)
+    after = number(examiner, cia.HEARTBEAT_PRODUCER)
     _put_back(examiner, values)
     if at_once != stated + 1000:
         raise Failure("restoring changed a value before the reset")
@@ -225,31 +212,31 @@ def restore(examiner: Examiner) -> None:
     _other,
     8,
     "7.5.2.22: date and time are kept as written and are 0 after a change of configuration.",
-    needs_object(VERIFY_CONFIGURATION, 1, writable=True),
-    needs_object(VERIFY_CONFIGURATION, 2, writable=True),
+    needs_object(cia.VERIFY_CONFIGURATION, 1, writable=True),
+    needs_object(cia.VERIFY_CONFIGURATION, 2, writable=True),
 )
 def verify_configuration(examiner: Examiner) -> None:
     """Verify configuration."""
-    before = [number(examiner, VERIFY_CONFIGURATION, subindex) for subindex in (1, 2)]
+    before = [number(examiner, cia.VERIFY_CONFIGURATION, subindex) for subindex in (1, 2)]
     try:
         for subindex, value in ((1, 15_000), (2, 43_200_000)):
-            write_number(examiner, VERIFY_CONFIGURATION, subindex, value)
+            write_number(examiner, cia.VERIFY_CONFIGURATION, subindex, value)
         for subindex, value in ((1, 15_000), (2, 43_200_000)):
-            got = number(examiner, VERIFY_CONFIGURATION, subindex)
+            got = number(examiner, cia.VERIFY_CONFIGURATION, subindex)
             if got != value:
                 raise Failure(f"1020h:{subindex:02X} is {got}, {value} was written")
     finally:
         for subindex, value in zip((1, 2), before, strict=True):
-            write_number(examiner, VERIFY_CONFIGURATION, subindex, value)
+            write_number(examiner, cia.VERIFY_CONFIGURATION, subindex, value)
 
 
 def _cob_ids(examiner: Examiner) -> Iterator[tuple[int, int]]:
     sheet = examiner.sheet
     for pdo in sheet.usable(sheet.tpdos + sheet.rpdos):
-        yield pdo.communication, PDO_COB_ID
-    if sheet.writable(EMCY_COB_ID):
-        yield EMCY_COB_ID, 0
-    for index in range(SDO_SERVER_FIRST + 1, SDO_SERVER_LAST + 1):
+        yield pdo.communication, cia.PDO_COB_ID
+    if sheet.writable(cia.EMCY_COB_ID):
+        yield cia.EMCY_COB_ID, 0
+    for index in range(cia.SDO_SERVER_FIRST + 1, cia.SDO_SERVER_LAST + 1):
         for subindex in (1, 2):
             if sheet.writable(index, subindex):
                 yield index, subindex
@@ -265,10 +252,10 @@ def restricted_ids(examiner: Examiner) -> None:
     asked = 0
     for index, subindex in _cob_ids(examiner):
         cob_id = number(examiner, index, subindex)
-        if examiner.sheet.limits(index, subindex, cob_id | COB_INVALID) is not None:
+        if examiner.sheet.limits(index, subindex, cob_id | cia.COB_INVALID) is not None:
             continue
-        write_number(examiner, index, subindex, cob_id | COB_INVALID)
-        flags = cob_id & ~0x3FFFFFFF & ~COB_INVALID
+        write_number(examiner, index, subindex, cob_id | cia.COB_INVALID)
+        flags = cob_id & ~0x3FFFFFFF & ~cia.COB_INVALID
         for can_id in _RESTRICTED:
             asked += 1
             what = f"CAN-ID {can_id:03X}h in {index:04X}h:{subindex:02X}"
@@ -282,7 +269,7 @@ def restricted_ids(examiner: Examiner) -> None:
     _other,
     10,
     "7.5.2.32: in OPERATIONAL a lost node leads to PRE-OPERATIONAL, nowhere, or STOPPED.",
-    needs_object(ERROR_BEHAVIOUR, 1, writable=True),
+    needs_object(cia.ERROR_BEHAVIOUR, 1, writable=True),
     needs_consumer,
     needs_emcy,
     needs_producer,
@@ -291,7 +278,7 @@ def error_behaviour(examiner: Examiner) -> None:
     """Error behaviour."""
     states = (NMTState.PRE_OPERATIONAL, NMTState.OPERATIONAL, NMTState.STOPPED)
     for value, state in enumerate(states):
-        write_number(examiner, ERROR_BEHAVIOUR, 1, value)
+        write_number(examiner, cia.ERROR_BEHAVIOUR, 1, value)
         set_period(examiner, _PERIOD_MS)
         examiner.enter(NMTCommand.START)
         lose_node(examiner)
@@ -313,11 +300,11 @@ def differences(examiner: Examiner) -> list[str]:
     od = examiner.sheet.od
     found = []
     for subindex, name in _TELLING.items():
-        entry = od.get(IDENTITY, subindex)
+        entry = od.get(cia.IDENTITY, subindex)
         if entry is None or not entry.default:
             continue
         try:
-            reported = number(examiner, IDENTITY, subindex)
+            reported = number(examiner, cia.IDENTITY, subindex)
         except (Failure, Abort):
             continue
         if reported != entry.default:

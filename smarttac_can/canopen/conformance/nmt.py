@@ -10,16 +10,8 @@ from smarttac_can.canopen.conformance.examiner import Examiner, download, number
 from smarttac_can.canopen.conformance.pdo import can_id, configure, tpdo
 from smarttac_can.canopen.conformance.sdo import other_value
 from smarttac_can.canopen.device.nmt import NMTState
-from smarttac_can.canopen.od.cia import (
-    COMMUNICATION_LAST,
-    DEVICE_TYPE,
-    HEARTBEAT_PRODUCER,
-    NMT_ID,
-    SDO_TX_ID,
-    SYNC_COB_ID,
-    DataType,
-    NMTCommand,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import DataType, NMTCommand
 from smarttac_can.canopen.od.entry import Entry
 
 _PERIOD_MS = 50
@@ -48,7 +40,7 @@ def _expect_state(examiner: Examiner, state: NMTState, when: str) -> None:
 def _sync_answered(examiner: Examiner, timeout: float) -> bool | None:
     """Return whether a TPDO of type 1 is sent at SYNC in time; None if there is no such TPDO."""
     sheet = examiner.sheet
-    if not sheet.has(SYNC_COB_ID) or not sheet.usable(sheet.tpdos):
+    if not sheet.has(cia.SYNC_COB_ID) or not sheet.usable(sheet.tpdos):
         return None
     examiner.drain()
     examiner.sync()
@@ -58,7 +50,7 @@ def _sync_answered(examiner: Examiner, timeout: float) -> bool | None:
 def _prepare(examiner: Examiner) -> None:
     examiner.enter(NMTCommand.ENTER_PRE_OPERATIONAL)
     _watch(examiner)
-    if examiner.sheet.has(SYNC_COB_ID) and examiner.sheet.usable(examiner.sheet.tpdos):
+    if examiner.sheet.has(cia.SYNC_COB_ID) and examiner.sheet.usable(examiner.sheet.tpdos):
         configure(examiner, tpdo(examiner), 1)
 
 
@@ -79,7 +71,7 @@ def pre_operational(examiner: Examiner) -> None:
     """PRE-OPERATIONAL."""
     _prepare(examiner)
     _expect_state(examiner, NMTState.PRE_OPERATIONAL, "after enter pre-operational")
-    upload(examiner, DEVICE_TYPE)
+    upload(examiner, cia.DEVICE_TYPE)
     if _sync_answered(examiner, examiner.watch):
         raise Failure("TPDO in PRE-OPERATIONAL")
 
@@ -90,7 +82,7 @@ def operational(examiner: Examiner) -> None:
     _prepare(examiner)
     examiner.enter(NMTCommand.START)
     _expect_state(examiner, NMTState.OPERATIONAL, "after start")
-    upload(examiner, DEVICE_TYPE)
+    upload(examiner, cia.DEVICE_TYPE)
     if _sync_answered(examiner, examiner.timeout) is False:
         raise Failure("no TPDO in OPERATIONAL")
 
@@ -101,8 +93,8 @@ def stopped(examiner: Examiner) -> None:
     _prepare(examiner)
     examiner.enter(NMTCommand.STOP)
     _expect_state(examiner, NMTState.STOPPED, "after stop")
-    examiner.sdo_send(b"\x40" + DEVICE_TYPE.to_bytes(2, "little"))
-    examiner.silence(SDO_TX_ID + examiner.node_id, "SDO response in STOPPED")
+    examiner.sdo_send(b"\x40" + cia.DEVICE_TYPE.to_bytes(2, "little"))
+    examiner.silence(cia.SDO_TX_ID + examiner.node_id, "SDO response in STOPPED")
     if _sync_answered(examiner, examiner.watch):
         raise Failure("TPDO in STOPPED")
 
@@ -132,7 +124,7 @@ def addressee(examiner: Examiner) -> None:
     _expect_state(examiner, NMTState.OPERATIONAL, "after start of all")
     examiner.nmt(NMTCommand.STOP, examiner.node_id % 127 + 1)
     examiner.nmt(0x55)
-    examiner.send(NMT_ID, bytes((NMTCommand.STOP,)))
+    examiner.send(cia.NMT_ID, bytes((NMTCommand.STOP,)))
     _expect_state(examiner, NMTState.OPERATIONAL, "after commands that are not for it")
 
 
@@ -142,7 +134,7 @@ def _parameter(examiner: Examiner) -> Entry | None:
         (
             e
             for e in examiner.sheet.od
-            if e.index > COMMUNICATION_LAST and e.access == "rw" and e.data_type in kinds
+            if e.index > cia.COMMUNICATION_LAST and e.access == "rw" and e.data_type in kinds
             and e.high > e.low and examiner.sheet.scans_write(e)
         ),
         None,
@@ -159,7 +151,7 @@ def _reset_in_each_state(
     Failure
         The producer time differs from that of the EDS after a reset.
     """
-    stated = examiner.sheet.od.number(HEARTBEAT_PRODUCER)
+    stated = examiner.sheet.od.number(cia.HEARTBEAT_PRODUCER)
     for command in STATES:
         _watch(examiner)
         entry = _parameter(examiner)
@@ -172,7 +164,7 @@ def _reset_in_each_state(
             download(examiner, entry.index, entry.subindex, data)
         examiner.enter(command)
         examiner.reset(reset)
-        got = number(examiner, HEARTBEAT_PRODUCER)
+        got = number(examiner, cia.HEARTBEAT_PRODUCER)
         if got != stated:
             raise Failure(f"producer time {got} ms after a reset, the EDS says {stated} ms")
         if entry is not None:

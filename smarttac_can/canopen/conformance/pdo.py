@@ -30,28 +30,8 @@ from smarttac_can.canopen.conformance.examiner import (
     upload,
     write_number,
 )
-from smarttac_can.canopen.od.cia import (
-    CAN_ID_MASK,
-    COB_INVALID,
-    COB_NO_RTR,
-    COB_SYNC_PRODUCER,
-    EVENT_MANUFACTURER,
-    FRAME_BYTES,
-    PDO_COB_ID,
-    PDO_EVENT,
-    PDO_INHIBIT,
-    PDO_SYNC_START,
-    PDO_TRANSMISSION,
-    RTR_EVENT,
-    RTR_SYNC,
-    SYNC_COB_ID,
-    SYNC_COUNTER,
-    SYNC_PERIOD,
-    Abort,
-    DataType,
-    EmergencyCode,
-    NMTCommand,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import Abort, DataType, EmergencyCode, NMTCommand
 from smarttac_can.canopen.od.data_types import SIZES, pack
 from smarttac_can.canopen.od.entry import Entry
 
@@ -60,10 +40,10 @@ from smarttac_can.canopen.od.entry import Entry
 
 _OWN_EVENTS = 3
 _NAMES = {
-    PDO_TRANSMISSION: "transmission type",
-    PDO_INHIBIT: "inhibit time",
-    PDO_EVENT: "event timer",
-    PDO_SYNC_START: "SYNC start value",
+    cia.PDO_TRANSMISSION: "transmission type",
+    cia.PDO_INHIBIT: "inhibit time",
+    cia.PDO_EVENT: "event timer",
+    cia.PDO_SYNC_START: "SYNC start value",
 }
 
 
@@ -99,7 +79,7 @@ def rpdo(examiner: Examiner) -> Pdo:
 
 def can_id(examiner: Examiner, pdo: Pdo) -> int:
     """Return the CAN-ID of a PDO in the EDS."""
-    return examiner.sheet.od.number(pdo.communication, PDO_COB_ID) & CAN_ID_MASK
+    return examiner.sheet.od.number(pdo.communication, cia.PDO_COB_ID) & cia.CAN_ID_MASK
 
 
 def entries(examiner: Examiner, pdo: Pdo) -> list[Entry]:
@@ -110,14 +90,14 @@ def entries(examiner: Examiner, pdo: Pdo) -> list[Entry]:
 
 def disable(examiner: Examiner, pdo: Pdo) -> int:
     """Set the invalid bit of a PDO; return its present COB-ID without that bit."""
-    cob_id = number(examiner, pdo.communication, PDO_COB_ID)
-    write_number(examiner, pdo.communication, PDO_COB_ID, cob_id | COB_INVALID)
-    return cob_id & ~COB_INVALID | can_id(examiner, pdo)
+    cob_id = number(examiner, pdo.communication, cia.PDO_COB_ID)
+    write_number(examiner, pdo.communication, cia.PDO_COB_ID, cob_id | cia.COB_INVALID)
+    return cob_id & ~cia.COB_INVALID | can_id(examiner, pdo)
 
 
 def enable(examiner: Examiner, pdo: Pdo, cob_id: int) -> None:
     """Write a COB-ID of a PDO with the invalid bit cleared."""
-    write_number(examiner, pdo.communication, PDO_COB_ID, cob_id & ~COB_INVALID)
+    write_number(examiner, pdo.communication, cia.PDO_COB_ID, cob_id & ~cia.COB_INVALID)
 
 
 def configure(
@@ -145,10 +125,10 @@ def configure(
     stop_sync(examiner)
     cob_id = disable(examiner, pdo)
     wanted = {
-        PDO_TRANSMISSION: transmission,
-        PDO_INHIBIT: inhibit,
-        PDO_EVENT: event,
-        PDO_SYNC_START: start,
+        cia.PDO_TRANSMISSION: transmission,
+        cia.PDO_INHIBIT: inhibit,
+        cia.PDO_EVENT: event,
+        cia.PDO_SYNC_START: start,
     }
     for subindex, value in wanted.items():
         if value is None:
@@ -162,7 +142,7 @@ def configure(
             reason = f"the device refuses {_NAMES[subindex]} {value}: {abort}"
             raise NotApplicable(reason) from None
     if rtr is not None:
-        cob_id = cob_id & ~COB_NO_RTR if rtr else cob_id | COB_NO_RTR
+        cob_id = cob_id & ~cia.COB_NO_RTR if rtr else cob_id | cia.COB_NO_RTR
     try:
         enable(examiner, pdo, cob_id)
     except Abort as abort:
@@ -193,8 +173,8 @@ def stop_sync(examiner: Examiner) -> None:
     sheet = examiner.sheet
     if not sheet.produces_sync:
         return
-    silent = number(examiner, SYNC_COB_ID) & ~COB_SYNC_PRODUCER
-    for index, value in ((SYNC_PERIOD, 0), (SYNC_COB_ID, silent)):
+    silent = number(examiner, cia.SYNC_COB_ID) & ~cia.COB_SYNC_PRODUCER
+    for index, value in ((cia.SYNC_PERIOD, 0), (cia.SYNC_COB_ID, silent)):
         if sheet.writable(index) and sheet.limits(index, 0, value) is None:
             write_number(examiner, index, 0, value)
             return
@@ -203,7 +183,7 @@ def stop_sync(examiner: Examiner) -> None:
 
 def configure_rpdo(examiner: Examiner, pdo: Pdo, transmission: int) -> None:
     """Configure an RPDO without a deadline, as its expiry could change the received values."""
-    watched = examiner.sheet.writable(pdo.communication, PDO_EVENT)
+    watched = examiner.sheet.writable(pdo.communication, cia.PDO_EVENT)
     configure(examiner, pdo, transmission, event=0 if watched else None)
 
 
@@ -217,8 +197,8 @@ def started(examiner: Examiner, transmission: int, **parameters: Any) -> Pdo:
 
 def refuse_own_events(examiner: Examiner) -> None:
     """Raise `NotApplicable` if the application triggers a TPDO all the time."""
-    timed = examiner.sheet.writable(tpdo(examiner).communication, PDO_EVENT)
-    pdo = started(examiner, EVENT_MANUFACTURER, event=0 if timed else None)
+    timed = examiner.sheet.writable(tpdo(examiner).communication, cia.PDO_EVENT)
+    pdo = started(examiner, cia.EVENT_MANUFACTURER, event=0 if timed else None)
     if len(examiner.collect(can_id(examiner, pdo))) > _OWN_EVENTS:
         raise NotApplicable("the application has events all the time")
     examiner.enter(NMTCommand.ENTER_PRE_OPERATIONAL)
@@ -369,7 +349,7 @@ def _remote(examiner: Examiner, pdo: Pdo) -> None:
 @case(_tpdo, 5, "7.5.2.37: sampled at SYNC, sent on a remote frame only.", needs_sync)
 def remote_sampled(examiner: Examiner) -> None:
     """Type 252."""
-    pdo = started(examiner, RTR_SYNC, rtr=True)
+    pdo = started(examiner, cia.RTR_SYNC, rtr=True)
     examiner.sync()
     examiner.silence(can_id(examiner, pdo), "TPDO of type 252 at SYNC")
     _remote(examiner, pdo)
@@ -379,7 +359,7 @@ def remote_sampled(examiner: Examiner) -> None:
 @case(_tpdo, 6, "7.5.2.37: sent on a remote frame at once.")
 def remote(examiner: Examiner) -> None:
     """Type 253."""
-    pdo = started(examiner, RTR_EVENT, rtr=True)
+    pdo = started(examiner, cia.RTR_EVENT, rtr=True)
     _remote(examiner, pdo)
     examiner.expect(can_id(examiner, pdo), "TPDO on a remote frame")
 
@@ -387,7 +367,7 @@ def remote(examiner: Examiner) -> None:
 @case(_tpdo, 7, "7.5.2.37: with bit 30 of the COB-ID clear a remote frame is answered.")
 def remote_event_driven(examiner: Examiner) -> None:
     """Remote frame to an event-driven TPDO."""
-    pdo = started(examiner, EVENT_MANUFACTURER, rtr=True)
+    pdo = started(examiner, cia.EVENT_MANUFACTURER, rtr=True)
     _remote(examiner, pdo)
     examiner.expect(can_id(examiner, pdo), "TPDO on a remote frame")
 
@@ -420,7 +400,7 @@ def _gap_ms(examiner: Examiner, pdo: Pdo) -> float:
 def event_timer(examiner: Examiner) -> None:
     """Event timer."""
     refuse_own_events(examiner)
-    pdo = started(examiner, EVENT_MANUFACTURER, event=PERIOD_MS)
+    pdo = started(examiner, cia.EVENT_MANUFACTURER, event=PERIOD_MS)
     mean = _gap_ms(examiner, pdo)
     if abs(mean - PERIOD_MS) > SPREAD * PERIOD_MS:
         raise Failure(f"TPDO every {mean:.0f} ms, event timer {PERIOD_MS} ms")
@@ -436,7 +416,7 @@ def event_timer_off(examiner: Examiner) -> None:
 @case(_tpdo, 11, "7.5.2.37: the least time between two TPDOs.")
 def inhibit_time(examiner: Examiner) -> None:
     """Inhibit time."""
-    pdo = started(examiner, EVENT_MANUFACTURER, inhibit=10 * PERIOD_MS, event=PERIOD_MS // 4)
+    pdo = started(examiner, cia.EVENT_MANUFACTURER, inhibit=10 * PERIOD_MS, event=PERIOD_MS // 4)
     mean = _gap_ms(examiner, pdo)
     if mean < (1 - SPREAD / 2) * PERIOD_MS:
         raise Failure(f"TPDO every {mean:.0f} ms, inhibit time {PERIOD_MS} ms")
@@ -457,23 +437,23 @@ def _fixed_while_valid(examiner: Examiner, subindex: int, value: int, name: str)
 @case(_tpdo, 12, "7.5.2.37: it cannot be changed while the PDO exists.")
 def inhibit_time_fixed(examiner: Examiner) -> None:
     """Inhibit time of a valid TPDO."""
-    _fixed_while_valid(examiner, PDO_INHIBIT, 100, "inhibit time")
+    _fixed_while_valid(examiner, cia.PDO_INHIBIT, 100, "inhibit time")
 
 
 @case(
     _tpdo,
     13,
     "7.5.2.37: the SYNC whose counter is the start value is the first one counted.",
-    needs_object(SYNC_COUNTER, writable=True),
+    needs_object(cia.SYNC_COUNTER, writable=True),
 )
 def start_value(examiner: Examiner) -> None:
     """SYNC start value."""
-    period = number(examiner, SYNC_PERIOD) if examiner.sheet.writable(SYNC_PERIOD) else 0
+    period = number(examiner, cia.SYNC_PERIOD) if examiner.sheet.writable(cia.SYNC_PERIOD) else 0
     if period:
-        write_number(examiner, SYNC_PERIOD, 0, 0)
-    write_number(examiner, SYNC_COUNTER, 0, 10)
+        write_number(examiner, cia.SYNC_PERIOD, 0, 0)
+    write_number(examiner, cia.SYNC_COUNTER, 0, 10)
     if period:
-        write_number(examiner, SYNC_PERIOD, 0, period)
+        write_number(examiner, cia.SYNC_PERIOD, 0, period)
     pdo = started(examiner, 1, start=3)
     for counter in (1, 2):
         examiner.sync(counter)
@@ -485,7 +465,7 @@ def start_value(examiner: Examiner) -> None:
 @case(_tpdo, 14, "7.5.2.37: it cannot be changed while the PDO exists.")
 def start_value_fixed(examiner: Examiner) -> None:
     """SYNC start value of a valid TPDO."""
-    _fixed_while_valid(examiner, PDO_SYNC_START, 5, "SYNC start value")
+    _fixed_while_valid(examiner, cia.PDO_SYNC_START, 5, "SYNC start value")
 
 
 @case(_tpdo, 15, "7.5.2.37: types 241 to 251 are refused.")
@@ -495,7 +475,7 @@ def reserved_types(examiner: Examiner) -> None:
     disable(examiner, pdo)
     for value in (241, 251):
         with examiner.refused(f"transmission type {value}"):
-            try_number(examiner, pdo.communication, PDO_TRANSMISSION, value)
+            try_number(examiner, pdo.communication, cia.PDO_TRANSMISSION, value)
 
 
 @case(_tpdo, 16, "7.5.2.37: with bit 31 it is silent.", needs_sync)
@@ -516,15 +496,18 @@ def can_id_fixed(examiner: Examiner) -> None:
     cob_id = disable(examiner, pdo)
     enable(examiner, pdo, cob_id)
     with examiner.refused("another CAN-ID of a valid TPDO"):
-        write_number(examiner, pdo.communication, PDO_COB_ID, _moved(examiner, cob_id))
-    if number(examiner, pdo.communication, PDO_COB_ID) & CAN_ID_MASK != cob_id & CAN_ID_MASK:
+        write_number(examiner, pdo.communication, cia.PDO_COB_ID, _moved(examiner, cob_id))
+    if (
+        number(examiner, pdo.communication, cia.PDO_COB_ID) & cia.CAN_ID_MASK
+        != cob_id & cia.CAN_ID_MASK
+    ):
         raise Failure("the refused CAN-ID was taken")
 
 
 def _moved(examiner: Examiner, cob_id: int) -> int:
     """Return a COB-ID with a CAN-ID close to the present one that no PDO of the device has."""
-    taken = examiner.sheet.pdo_ids | {cob_id & CAN_ID_MASK}
-    near = next(n for n in range(1, 0x80) if (cob_id ^ n) & CAN_ID_MASK not in taken)
+    taken = examiner.sheet.pdo_ids | {cob_id & cia.CAN_ID_MASK}
+    near = next(n for n in range(1, 0x80) if (cob_id ^ n) & cia.CAN_ID_MASK not in taken)
     return cob_id ^ near
 
 
@@ -536,11 +519,11 @@ def new_can_id(examiner: Examiner) -> None:
     pdo = tpdo(examiner)
     configure(examiner, pdo, 1)
     moved = _moved(examiner, disable(examiner, pdo))
-    write_number(examiner, pdo.communication, PDO_COB_ID, moved | COB_INVALID)
+    write_number(examiner, pdo.communication, cia.PDO_COB_ID, moved | cia.COB_INVALID)
     enable(examiner, pdo, moved)
     operational(examiner)
     examiner.sync()
-    examiner.expect(moved & CAN_ID_MASK, "TPDO under its new CAN-ID")
+    examiner.expect(moved & cia.CAN_ID_MASK, "TPDO under its new CAN-ID")
 
 
 @case(_tpdo, 19, "7.3.2.2: sent in OPERATIONAL, not in PRE-OPERATIONAL and STOPPED.", needs_sync)
@@ -572,7 +555,7 @@ _rpdo = Group("PDO", (needs_rpdo,))
 def event_driven(examiner: Examiner) -> None:
     """Event-driven RPDO."""
     pdo = rpdo(examiner)
-    configure_rpdo(examiner, pdo, EVENT_MANUFACTURER)
+    configure_rpdo(examiner, pdo, cia.EVENT_MANUFACTURER)
     operational(examiner)
     data, wanted = changed(examiner, pdo)
     examiner.send(can_id(examiner, pdo), data)
@@ -601,7 +584,7 @@ def rpdo_by_state(examiner: Examiner) -> None:
     """RPDO by NMT state."""
     pdo = rpdo(examiner)
     examiner.enter(NMTCommand.ENTER_PRE_OPERATIONAL)
-    configure_rpdo(examiner, pdo, EVENT_MANUFACTURER)
+    configure_rpdo(examiner, pdo, cia.EVENT_MANUFACTURER)
     data, wanted = changed(examiner, pdo)
     for command, state in (
         (NMTCommand.ENTER_PRE_OPERATIONAL, "PRE-OPERATIONAL"),
@@ -618,7 +601,7 @@ def rpdo_by_state(examiner: Examiner) -> None:
 def disabled_rpdo(examiner: Examiner) -> None:
     """Disabled RPDO."""
     pdo = rpdo(examiner)
-    configure_rpdo(examiner, pdo, EVENT_MANUFACTURER)
+    configure_rpdo(examiner, pdo, cia.EVENT_MANUFACTURER)
     disable(examiner, pdo)
     operational(examiner)
     data, wanted = changed(examiner, pdo)
@@ -632,7 +615,7 @@ def disabled_rpdo(examiner: Examiner) -> None:
 def too_short(examiner: Examiner) -> None:
     """RPDO that is too short."""
     pdo = rpdo(examiner)
-    configure_rpdo(examiner, pdo, EVENT_MANUFACTURER)
+    configure_rpdo(examiner, pdo, cia.EVENT_MANUFACTURER)
     operational(examiner)
     data, wanted = changed(examiner, pdo)
     examiner.drain()
@@ -652,7 +635,7 @@ def too_short(examiner: Examiner) -> None:
 def deadline(examiner: Examiner) -> None:
     """RPDO deadline."""
     pdo = rpdo(examiner)
-    configure(examiner, pdo, EVENT_MANUFACTURER, event=_DEADLINE_MS)
+    configure(examiner, pdo, cia.EVENT_MANUFACTURER, event=_DEADLINE_MS)
     operational(examiner)
     data, _ = changed(examiner, pdo)
     examiner.send(can_id(examiner, pdo), data)
@@ -677,7 +660,7 @@ def _parameter(entry: Entry) -> int:
 def _mappable(examiner: Examiner) -> list[Entry]:
     """Return the entries of whole bytes that a TPDO can carry, the longest first."""
     found = (e for e in examiner.sheet.od if e.tpdo_mappable and e.size and e.readable)
-    whole = (e for e in found if e.data_type != DataType.BOOLEAN and e.size <= FRAME_BYTES)
+    whole = (e for e in found if e.data_type != DataType.BOOLEAN and e.size <= cia.FRAME_BYTES)
     return sorted(whole, key=lambda entry: -entry.size)
 
 

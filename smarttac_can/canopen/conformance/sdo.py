@@ -15,14 +15,8 @@ from smarttac_can.canopen.conformance.examiner import (
     upload,
 )
 from smarttac_can.canopen.master.requests import ABORT
-from smarttac_can.canopen.od.cia import (
-    DEVICE_TYPE,
-    LAST_SUBINDEX,
-    SDO_RX_ID,
-    SDO_TX_ID,
-    Abort,
-    AbortCode,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import Abort, AbortCode
 from smarttac_can.canopen.od.data_types import pack, unpack
 from smarttac_can.canopen.od.entry import Entry
 
@@ -69,7 +63,7 @@ def read_back(examiner: Examiner, entry: Entry, data: bytes) -> None:
 def alive(examiner: Examiner) -> None:
     """Raise `Failure` unless the server answers a normal upload."""
     try:
-        upload(examiner, DEVICE_TYPE)
+        upload(examiner, cia.DEVICE_TYPE)
     except (Abort, Failure) as error:
         raise Failure(f"the SDO server does not work afterwards: {error}") from error
 
@@ -80,8 +74,8 @@ _sdo = Group("SDO")
 @case(_sdo, 1, "7.2.4.3.5: up to 4 bytes come in the initiate response.")
 def expedited_upload(examiner: Examiner) -> None:
     """Expedited upload."""
-    response = examiner.request(b"\x40" + address(DEVICE_TYPE, 0))
-    if response[0] != _EXPEDITED_4_BYTES or response[1:4] != address(DEVICE_TYPE, 0):
+    response = examiner.request(b"\x40" + address(cia.DEVICE_TYPE, 0))
+    if response[0] != _EXPEDITED_4_BYTES or response[1:4] != address(cia.DEVICE_TYPE, 0):
         raise Failure(f"upload of the device type answered by {response.hex(' ')}")
 
 
@@ -196,7 +190,7 @@ def client_abort(examiner: Examiner) -> None:
     where = address(entry.index, entry.subindex)
     examiner.request(b"\x40" + where)
     examiner.sdo_send(b"\x80" + where + AbortCode.GENERAL.to_bytes(4, "little"))
-    examiner.silence(SDO_TX_ID + examiner.node_id, "answer to an abort")
+    examiner.silence(cia.SDO_TX_ID + examiner.node_id, "answer to an abort")
     with examiner.refused("segment request after the abort", refusals.COMMAND):
         examiner.request(b"\x60")
     alive(examiner)
@@ -212,7 +206,7 @@ def abandoned_transfer(examiner: Examiner) -> None:
     entry = _long(examiner)
     examiner.request(b"\x40" + address(entry.index, entry.subindex))
     try:
-        upload(examiner, DEVICE_TYPE)
+        upload(examiner, cia.DEVICE_TYPE)
     except Abort as abort:
         # No clause says that a request replaces the transfer; an abort ends it as well.
         examiner.remarks.append(f"a request while a transfer is open: {abort}")
@@ -224,7 +218,7 @@ def transfer_time_out(examiner: Examiner) -> None:
     """Transfer left behind."""
     entry = _long(examiner)
     examiner.request(b"\x40" + address(entry.index, entry.subindex))
-    arrival = examiner.wait(SDO_TX_ID + examiner.node_id)
+    arrival = examiner.wait(cia.SDO_TX_ID + examiner.node_id)
     if arrival is not None:
         data = arrival.frame.data
         if data[:1] != bytes((ABORT,)):
@@ -246,7 +240,7 @@ def _absent_index(examiner: Examiner) -> int:
 
 
 def _absent_subindex(examiner: Examiner) -> tuple[int, int]:
-    item = next(i for i in examiner.sheet.od.objects.values() if max(i.entries) < LAST_SUBINDEX)
+    item = next(i for i in examiner.sheet.od.objects.values() if max(i.entries) < cia.LAST_SUBINDEX)
     return item.index, max(item.entries) + 1
 
 
@@ -275,7 +269,7 @@ def no_subindex(examiner: Examiner) -> None:
 @case(_sdo, 16, "Table 22: it is aborted by 06010002h.")
 def write_read_only(examiner: Examiner) -> None:
     """Write to a read-only entry."""
-    entry = examiner.sheet.od.entry(DEVICE_TYPE)
+    entry = examiner.sheet.od.entry(cia.DEVICE_TYPE)
     with examiner.refused("writing the device type", refusals.READ_ONLY):
         download(examiner, entry.index, 0, bytes(entry.size))
 
@@ -336,7 +330,7 @@ def no_sdo(examiner: Examiner) -> None:
     """Frames that are no SDO."""
     entry = number_entry(examiner)
     before = upload(examiner, entry.index, entry.subindex)
-    can_id = SDO_RX_ID + examiner.node_id
+    can_id = cia.SDO_RX_ID + examiner.node_id
     examiner.send(
         can_id, b"\x23" + address(entry.index, entry.subindex) + other_value_of(before)[:3]
     )
@@ -352,7 +346,7 @@ def abort_names_entry(examiner: Examiner) -> None:
     where = address(_absent_index(examiner), 3)
     examiner.drain()
     examiner.sdo_send(b"\x40" + where)
-    data = examiner.expect(SDO_TX_ID + examiner.node_id, "SDO response").data
+    data = examiner.expect(cia.SDO_TX_ID + examiner.node_id, "SDO response").data
     if data[:4] != b"\x80" + where:
         raise Failure(f"request {where.hex(' ')} aborted by {data.hex(' ')}")
 
@@ -425,8 +419,8 @@ def _end_upload(examiner: Examiner, segments: list[bytes], *, crc: bool) -> byte
 
 
 def _block_upload(examiner: Examiner, *, crc: bool) -> None:
-    entry = examiner.sheet.od.entry(DEVICE_TYPE)
-    plain = upload(examiner, DEVICE_TYPE)
+    entry = examiner.sheet.od.entry(cia.DEVICE_TYPE)
+    plain = upload(examiner, cia.DEVICE_TYPE)
     server_crc = _begin_upload(examiner, entry, crc=crc)
     examiner.sdo_send(b"\xa3")
     data = _end_upload(examiner, _segments(examiner), crc=crc and server_crc)
@@ -526,7 +520,7 @@ def wrong_crc(examiner: Examiner) -> None:
 @case(_sdo, 29, "7.2.4.3.13: block sizes 0 and 128 are aborted by 05040002h.")
 def block_size(examiner: Examiner) -> None:
     """Block size out of range."""
-    entry = examiner.sheet.od.entry(DEVICE_TYPE)
+    entry = examiner.sheet.od.entry(cia.DEVICE_TYPE)
     _begin_upload(examiner, entry, crc=False)
     examiner.abort_transfer()
     for size in (0, 128):
@@ -538,7 +532,7 @@ def block_size(examiner: Examiner) -> None:
 @case(_sdo, 30, "7.2.4.3.14: after 0 the sub-block comes again; 128 is aborted by 05040003h.")
 def sequence(examiner: Examiner) -> None:
     """Acknowledged sequence number."""
-    _begin_upload(examiner, examiner.sheet.od.entry(DEVICE_TYPE), crc=False)
+    _begin_upload(examiner, examiner.sheet.od.entry(cia.DEVICE_TYPE), crc=False)
     examiner.sdo_send(b"\xa3")
     first = _segments(examiner)
     examiner.sdo_send(bytes((0xA2, 0, 127)))

@@ -24,25 +24,15 @@ from smarttac_can.canopen.conformance.examiner import (
     write_number,
 )
 from smarttac_can.canopen.conformance.pdo import can_id, operational, started, stop_sync
-from smarttac_can.canopen.od.cia import (
-    CAN_ID_MASK,
-    COB_SYNC_PRODUCER,
-    EMCY_COB_ID,
-    SYNC_COB_ID,
-    SYNC_COUNTER,
-    SYNC_PERIOD,
-    SYNC_WINDOW,
-    Abort,
-    EmergencyCode,
-    NMTCommand,
-)
+from smarttac_can.canopen.od import cia
+from smarttac_can.canopen.od.cia import Abort, EmergencyCode, NMTCommand
 
 _PERIOD_MS = 50
 _OTHER_IDS = (0x0A5, 0x0A6)
 """CAN-IDs for SYNC, of which at most one is that of the device's EMCY."""
-_has_writable = needs_object(SYNC_COB_ID, writable=True)
-_has_period = needs_object(SYNC_PERIOD, writable=True)
-_has_counter = needs_object(SYNC_COUNTER, writable=True)
+_has_writable = needs_object(cia.SYNC_COB_ID, writable=True)
+_has_period = needs_object(cia.SYNC_PERIOD, writable=True)
+_has_counter = needs_object(cia.SYNC_COUNTER, writable=True)
 
 
 _sync = Group("SYNC")
@@ -57,7 +47,7 @@ _sync = Group("SYNC")
 )
 def consumer(examiner: Examiner) -> None:
     """COB-ID and consumer."""
-    value, stated = number(examiner, SYNC_COB_ID), examiner.sheet.od.number(SYNC_COB_ID)
+    value, stated = number(examiner, cia.SYNC_COB_ID), examiner.sheet.od.number(cia.SYNC_COB_ID)
     if value != stated:
         raise Failure(f"COB-ID SYNC is {value:08X}h, the EDS says {stated:08X}h")
     pdo = started(examiner, 1)
@@ -76,11 +66,11 @@ def new_can_id(examiner: Examiner) -> None:
     """New CAN-ID."""
     old, new = examiner.sync_id, _other_id(examiner)
     stop_sync(examiner)
-    if examiner.sheet.od.number(SYNC_COB_ID) & COB_SYNC_PRODUCER:
-        write_number(examiner, SYNC_COB_ID, 0, old)
-    write_number(examiner, SYNC_COB_ID, 0, new)
+    if examiner.sheet.od.number(cia.SYNC_COB_ID) & cia.COB_SYNC_PRODUCER:
+        write_number(examiner, cia.SYNC_COB_ID, 0, old)
+    write_number(examiner, cia.SYNC_COB_ID, 0, new)
     pdo = started(examiner, 1)
-    payload = b"\x01" if examiner.sheet.od.number(SYNC_COUNTER) else b""
+    payload = b"\x01" if examiner.sheet.od.number(cia.SYNC_COUNTER) else b""
     examiner.send(new, payload)
     examiner.expect(can_id(examiner, pdo), f"TPDO at SYNC under {new:03X}h")
     examiner.send(old, payload)
@@ -92,24 +82,24 @@ def restricted_ids(examiner: Examiner) -> None:
     """Restricted CAN-IDs."""
     for value in (0x000, 0x001, 0x101, 0x581, 0x601, 0x701):
         with examiner.refused(f"CAN-ID {value:03X}h for SYNC", refusals.OUT_OF_RANGE):
-            try_number(examiner, SYNC_COB_ID, 0, value)
+            try_number(examiner, cia.SYNC_COB_ID, 0, value)
 
 
 def _other_id(examiner: Examiner) -> int:
-    emcy = examiner.sheet.od.number(EMCY_COB_ID) & CAN_ID_MASK
+    emcy = examiner.sheet.od.number(cia.EMCY_COB_ID) & cia.CAN_ID_MASK
     return next(can_id for can_id in _OTHER_IDS if can_id != emcy)
 
 
 def free_counter(examiner: Examiner) -> None:
     """Set the period to 0, as the overflow value is fixed otherwise."""
-    if examiner.sheet.writable(SYNC_PERIOD):
-        write_number(examiner, SYNC_PERIOD, 0, 0)
+    if examiner.sheet.writable(cia.SYNC_PERIOD):
+        write_number(examiner, cia.SYNC_PERIOD, 0, 0)
 
 
 def _produce(examiner: Examiner) -> None:
-    write_number(examiner, SYNC_PERIOD, 0, 1000 * _PERIOD_MS)
+    write_number(examiner, cia.SYNC_PERIOD, 0, 1000 * _PERIOD_MS)
     try:
-        write_number(examiner, SYNC_COB_ID, 0, examiner.sync_id | COB_SYNC_PRODUCER)
+        write_number(examiner, cia.SYNC_COB_ID, 0, examiner.sync_id | cia.COB_SYNC_PRODUCER)
     except Abort as abort:
         raise NotApplicable(f"the device produces no SYNC: {abort}") from None
 
@@ -141,8 +131,8 @@ def can_id_fixed(examiner: Examiner) -> None:
     """CAN-ID of a producer."""
     _produce(examiner)
     with examiner.refused("CAN-ID of a SYNC producer"):
-        write_number(examiner, SYNC_COB_ID, 0, _other_id(examiner) | COB_SYNC_PRODUCER)
-    if number(examiner, SYNC_COB_ID) & CAN_ID_MASK != examiner.sync_id:
+        write_number(examiner, cia.SYNC_COB_ID, 0, _other_id(examiner) | cia.COB_SYNC_PRODUCER)
+    if number(examiner, cia.SYNC_COB_ID) & cia.CAN_ID_MASK != examiner.sync_id:
         raise Failure("the refused CAN-ID was taken")
 
 
@@ -151,10 +141,10 @@ def new_period(examiner: Examiner) -> None:
     """New period."""
     _produce(examiner)
     _produced(examiner)
-    write_number(examiner, SYNC_PERIOD, 0, 2000 * _PERIOD_MS)
+    write_number(examiner, cia.SYNC_PERIOD, 0, 2000 * _PERIOD_MS)
     examiner.settle()
     _produced(examiner, 2 * _PERIOD_MS)
-    write_number(examiner, SYNC_PERIOD, 0, 0)
+    write_number(examiner, cia.SYNC_PERIOD, 0, 0)
     examiner.settle()
     examiner.silence(examiner.sync_id, "SYNC with period 0")
 
@@ -166,7 +156,7 @@ def counter(examiner: Examiner) -> None:
     """Counter of a producer."""
     overflow = 3
     free_counter(examiner)
-    write_number(examiner, SYNC_COUNTER, 0, overflow)
+    write_number(examiner, cia.SYNC_COUNTER, 0, overflow)
     _produce(examiner)
     counters = [arrival.frame.data for arrival in _produced(examiner)]
     for before, after in pairwise(counters):
@@ -185,27 +175,27 @@ def overflow_value(examiner: Examiner) -> None:
     free_counter(examiner)
     for value in (1, 241, 255):
         with examiner.refused(f"overflow value {value}", refusals.OUT_OF_RANGE):
-            try_number(examiner, SYNC_COUNTER, 0, value)
-    if not examiner.sheet.writable(SYNC_PERIOD):
+            try_number(examiner, cia.SYNC_COUNTER, 0, value)
+    if not examiner.sheet.writable(cia.SYNC_PERIOD):
         return
-    write_number(examiner, SYNC_PERIOD, 0, 1000 * _PERIOD_MS)
+    write_number(examiner, cia.SYNC_PERIOD, 0, 1000 * _PERIOD_MS)
     with examiner.refused("overflow value while the period is not 0", refusals.PERIOD_SET):
-        write_number(examiner, SYNC_COUNTER, 0, 10)
+        write_number(examiner, cia.SYNC_COUNTER, 0, 10)
 
 
 @case(
     _sync,
     9,
     "7.5.2.7: it can be set, and TPDOs within it go as before.",
-    needs_object(SYNC_WINDOW, writable=True),
+    needs_object(cia.SYNC_WINDOW, writable=True),
     needs_tpdo,
     needs_sync,
 )
 def window(examiner: Examiner) -> None:
     """Synchronous window."""
     length = 1000 * _PERIOD_MS
-    write_number(examiner, SYNC_WINDOW, 0, length)
-    if number(examiner, SYNC_WINDOW) != length:
+    write_number(examiner, cia.SYNC_WINDOW, 0, length)
+    if number(examiner, cia.SYNC_WINDOW) != length:
         raise Failure("the window does not read as written")
     pdo = started(examiner, 1)
     for _ in range(2):
@@ -225,5 +215,5 @@ def wrong_length(examiner: Examiner) -> None:
     stop_sync(examiner)
     operational(examiner)
     examiner.drain()
-    examiner.send(examiner.sync_id, b"" if examiner.sheet.od.number(SYNC_COUNTER) else b"\x01")
+    examiner.send(examiner.sync_id, b"" if examiner.sheet.od.number(cia.SYNC_COUNTER) else b"\x01")
     expect_emcy(examiner, EmergencyCode.SYNC_LENGTH)
