@@ -289,11 +289,3 @@ def test_readers_give_the_same_numbers(
         assert one == pytest.approx(two, rel=1e-15)
     assert re.fullmatch(r"line \d+", found.place(1234))
     assert found.place(1234) == other.place(1234)
-
-
-@pytest.mark.parametrize("text", ["", "\n\n"])
-def test_an_empty_file_is_said_to_be_empty(tmp_path: Path, text: str) -> None:
-    file = tmp_path / "nothing.csv"
-    file.write_text(text)
-    with pytest.raises(ValueError, match=r"nothing\.csv: the file is empty"):
-        Texture.from_csv(file, position="x", cof="mu")
