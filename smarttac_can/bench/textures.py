@@ -496,7 +496,8 @@ class Texture:
         from smarttac_can.bench.drawing import save_as  # noqa: PLC0415 - as in figure
 
         with in_words(path):
-            save_as(figure, Path(path), Path(path).suffix[1:].lower() or "png")
+            file = Path(path)
+            save_as(figure, file, file.suffix[1:].lower() or "png")
 
 
 def _levels(low: float, high: float) -> tuple[float, float]:
