@@ -14,6 +14,7 @@ from smarttac_can.canopen.device.device import Device
 from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.device.port import Clock
 from smarttac_can.canopen.device.service import Application
+from smarttac_can.canopen.od.cia import NMTCommand
 from smarttac_can.instrument.nodes.stimulator_node import Commander, StimulatorNode
 from smarttac_can.vocabulary.states import State
 from smarttac_can.vocabulary.watchdogs import Watchdog
@@ -45,6 +46,16 @@ def test_a_master_that_is_gone_is_forgotten_with_its_watch() -> None:
     assert rig.state is State.FAULT
     assert write_entry(rig, rig.od.entry(0x1016, 1), 0) == 0
     assert reset_fault(rig) == 0
+
+
+def test_boot_up_after_a_reset_of_the_stimulator_is_no_loss() -> None:
+    """The master may have been reset with it; it was heard before only."""
+    rig = driven()
+    rig.heartbeat = False
+    rig.nmt(NMTCommand.RESET_COMMUNICATION, 32)
+    assert write_entry(rig, rig.od.entry(0x1016, 1), MASTER << 16 | 1000) == 0
+    say(rig, BOOT_UP)
+    assert not rig.od["Diagnosis.Present"].value & 1 << Watchdog.HEARTBEAT
 
 
 def watch() -> tuple[Clock, Commander, Present]:
