@@ -315,7 +315,8 @@ MOTIONS: Final = ("none", "holding", "landing", "lifting")
 TAPPING: Final = "tapping"
 ONSETS: Final = ("before", "steady", "step")
 IDENTIFIED: Final = ("no", "sound", "failed")
-"""Whether the plate was identified; `failed`: with the sensor already failed."""
+"""Whether the plate was identified; `failed`: with the sensor already failed, so that a trip before
+the sensor fails again is no false one: the model in force is wrong by that failure."""
 DRIVING: Final = tuple(mode for mode in Mode if mode is not Mode.OFF)
 TUNED: Final = (Mode.OPEN_LOOP, Mode.AMPLITUDE)
 """Modes with the frequency of the set-point."""
@@ -713,7 +714,8 @@ def _watched(cell: Cell, failure: Failure, rig: BlockRig, ticks: tuple[int, int]
         round(sum(errors) / len(errors), 4) if errors else 0.0,
     )  # fmt: skip
     violation = broken_promise(cell, result)
-    if ended and reference + after < onset:
+    # A sensor that failed in the identification has failed before.
+    if ended and reference + after < onset and cell.identified != "failed":
         violation = f"{ended} tripped {-after} cycles before the failure: a false trip"
     return replace(result, violation=violation)
 

@@ -66,6 +66,30 @@ def test_the_identification_of_a_cell_is_in_force() -> None:
     assert resonance.value == resonance.default
 
 
+TRIP_BEFORE = Cell(
+    failure="T:offset:2000", onset="step", mode="OPEN_LOOP", law="SCHEDULED", friction="ACCUMULATE",
+    detuning=610, cof=0.35, motion="holding", force=0.05, damping=5.0, cycles=1000, seed=9942,
+)  # fmt: skip
+
+
+def test_a_trip_by_a_failed_identification_is_no_false_trip() -> None:
+    result = run_cell(replace(TRIP_BEFORE, identified="failed"))
+    assert result.ended_by == "PICKUP"
+    assert result.after < 0  # before the thermometer fails for the second time
+    assert result.violation == ""
+    assert run_cell(replace(TRIP_BEFORE, identified="sound")).ended_by == ""
+
+
+def test_a_trip_before_the_failure_is_a_false_trip(monkeypatch: pytest.MonkeyPatch) -> None:
+    # The sensor has failed while the run is said to be sound: that is a trip without a reason.
+    monkeypatch.setattr(sensor_sweep, "_STEADY", 10**6)
+    early = replace(TRIP_BEFORE, identified="no", failure="d:gain:0.1")
+    real = sensor_sweep._begin
+    at_once = lambda rig, cell, finger, failure, _: real(rig, cell, finger, failure, 0)  # noqa: E731
+    monkeypatch.setattr(sensor_sweep, "_begin", at_once)
+    assert "a false trip" in run_cell(early).violation
+
+
 def test_a_sound_plate_is_within_the_promise() -> None:
     result = run_cell(Cell(failure="d:gain:1", identified="sound"))
     assert (result.ended_by, result.violation) == ("", "")
