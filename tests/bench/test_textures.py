@@ -403,6 +403,19 @@ def test_texture_refuses_recordings_beyond_its_range(
     )
 
 
+@pytest.mark.parametrize("scale", [100.0, -1.0])
+def test_texture_asks_for_percent_or_sign_if_most_rows_miss(scale: float, tmp_path: Path) -> None:
+    path = tmp_path / "recording.csv"
+    rows = [f"{0.1 * n:g},{scale * 0.4:g}" for n in range(9)]
+    path.write_text("\n".join(["x,mu", *rows, "0.9,0.4"]) + "\n")
+    with pytest.raises(ValueError) as refused:
+        Texture.from_csv(path, position="x", cof="mu")
+    assert str(refused.value) == (
+        f"{path}: line 2: COF {scale * 0.4:g} is outside 0.05..2; it is in 90% of the rows: "
+        "is the COF in percent, or is a sign the other way?"
+    )
+
+
 def strokes(passes: int = 4) -> np.ndarray:
     there = np.arange(-12.0, 12.0, 0.06)
     return np.concatenate([there if n % 2 == 0 else there[::-1] for n in range(passes)])
