@@ -66,7 +66,9 @@ _LOST_KEPT: Final = 0.01
 _SCATTER: Final = 0.005
 """Standard deviation of the COF measured at a steady finger; a mean of passes rightly loses it."""
 CURE: Final = "; leave out rows where the finger turns, rests or hardly touches"
-_MOST: Final = "; it is in {:.0%} of the rows: is the COF in percent, or is a sign the other way?"
+_CURE_OF_MOST: Final = (
+    "; {:.0%} of the rows are outside: is the COF in percent, or has a force the wrong sign?"
+)
 
 
 class Averaged(NamedTuple):
@@ -412,7 +414,7 @@ def _require_playable(
     samples = (cof < low) | (cof > high)
     at = cells()
     there = samples & wrong[np.clip(at, 0, len(means) - 1)]
-    if cure and 2 * samples.sum() > samples.size:  # more than the rows of some turns
-        cure = _MOST.format(samples.mean())
+    if cure and 2 * samples.sum() > samples.size:
+        cure = _CURE_OF_MOST.format(samples.mean())
     number = int((there if there.any() else samples).argmax())
     raise SampleError(number, f"COF {cof[number]:g} is outside {low:g}..{high:g}{cure}")

@@ -411,8 +411,8 @@ def test_texture_asks_for_percent_or_sign_if_most_rows_miss(scale: float, tmp_pa
     with pytest.raises(ValueError) as refused:
         Texture.from_csv(path, position="x", cof="mu")
     assert str(refused.value) == (
-        f"{path}: line 2: COF {scale * 0.4:g} is outside 0.05..2; it is in 90% of the rows: "
-        "is the COF in percent, or is a sign the other way?"
+        f"{path}: line 2: COF {scale * 0.4:g} is outside 0.05..2; "
+        "90% of the rows are outside: is the COF in percent, or has a force the wrong sign?"
     )
 
 

@@ -315,8 +315,7 @@ MOTIONS: Final = ("none", "holding", "landing", "lifting")
 TAPPING: Final = "tapping"
 ONSETS: Final = ("before", "steady", "step")
 IDENTIFIED: Final = ("no", "sound", "failed")
-"""Whether the plate was identified; `failed`: with the sensor already failed, so that a trip before
-the sensor fails again is no false one: the model in force is wrong by that failure."""
+"""Whether the plate was identified; `failed`: with the sensor already failed."""
 DRIVING: Final = tuple(mode for mode in Mode if mode is not Mode.OFF)
 TUNED: Final = (Mode.OPEN_LOOP, Mode.AMPLITUDE)
 """Modes with the frequency of the set-point."""
@@ -610,9 +609,12 @@ def run_cell(cell: Cell) -> Result:
     stored = _identification(cell.dead_time, cell.softening) if sound else {}
     rig = block_rig()
     rig.power_on(stored)
+    onset = wrong_from = 0 if cell.onset == "before" else _STEADY
     if cell.identified == "failed":
+        before = rig.block.cascade.model
         _identify(rig, cell, failure, 0)
-    onset = 0 if cell.onset == "before" else _STEADY
+        if rig.block.cascade.model != before:
+            wrong_from = 0  # The device has believed the failed sensor.
     lands = None if cell.motion == "none" else (_FIRST_DRIVE + 10) * TICK
     lifts = None
     reference = max(onset, _FIRST_DRIVE)
@@ -624,7 +626,7 @@ def run_cell(cell: Cell) -> Result:
     if cell.motion == TAPPING:
         finger = TappingFinger(cell, (_FIRST_DRIVE + 10) * TICK)
     _begin(rig, cell, finger, failure, onset)
-    return _watched(cell, failure, rig, (onset, reference))
+    return _watched(cell, failure, rig, (wrong_from, reference))
 
 
 def bounds(cell: Cell) -> tuple[float, float]:
@@ -674,9 +676,10 @@ class _Meter:
 def _watched(cell: Cell, failure: Failure, rig: BlockRig, ticks: tuple[int, int]) -> Result:
     """Drive, and return the result.
 
-    ``ticks`` are the tick from which the sensor fails, and the tick from which cycles count.
+    ``ticks`` are the tick from which the sensor, or the model in force, is wrong, and the tick from
+    which cycles count.
     """
-    onset, reference = ticks
+    wrong_from, reference = ticks
     block, tick = rig.block, rig.block.tick
     plate, supervisor = rig.plate_block.plate, block.supervisor
     meter = _Meter(plate, *bounds(cell))
@@ -714,8 +717,7 @@ def _watched(cell: Cell, failure: Failure, rig: BlockRig, ticks: tuple[int, int]
         round(sum(errors) / len(errors), 4) if errors else 0.0,
     )  # fmt: skip
     violation = broken_promise(cell, result)
-    # A sensor that failed in the identification has failed before.
-    if ended and reference + after < onset and cell.identified != "failed":
+    if ended and reference + after < wrong_from:
         violation = f"{ended} tripped {-after} cycles before the failure: a false trip"
     return replace(result, violation=violation)
 

@@ -7,17 +7,19 @@ from dataclasses import replace
 import pytest
 
 from smarttac_can.assurance.trials import sensor_sweep
-from smarttac_can.assurance.trials.rig import block_rig
+from smarttac_can.assurance.trials.rig import BlockRig, block_rig
 from smarttac_can.assurance.trials.sensor_sweep import (
     DRIVING,
     IDENTIFIED,
     Cell,
+    Failure,
     failures,
     grid_cells,
     parse_cell,
     random_cells,
     run_cell,
 )
+from smarttac_can.science.plant.finger import Finger
 
 
 def test_every_cell_can_be_run_alone_by_its_name() -> None:
@@ -80,14 +82,21 @@ def test_a_trip_by_a_failed_identification_is_no_false_trip() -> None:
     assert run_cell(replace(TRIP_BEFORE, identified="sound")).ended_by == ""
 
 
-def test_a_trip_before_the_failure_is_a_false_trip(monkeypatch: pytest.MonkeyPatch) -> None:
-    # The sensor has failed while the run is said to be sound: that is a trip without a reason.
-    monkeypatch.setattr(sensor_sweep, "_STEADY", 10**6)
-    early = replace(TRIP_BEFORE, identified="no", failure="d:gain:0.1")
-    real = sensor_sweep._begin
-    at_once = lambda rig, cell, finger, failure, _: real(rig, cell, finger, failure, 0)  # noqa: E731
-    monkeypatch.setattr(sensor_sweep, "_begin", at_once)
-    assert "a false trip" in run_cell(early).violation
+@pytest.mark.parametrize("identified", ["no", "failed"])
+def test_a_trip_before_the_failure_is_a_false_trip(
+    identified: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The pick-up fails while the cell takes it for sound; its identification is refused."""
+    begin = sensor_sweep._begin
+
+    def begin_failed(
+        rig: BlockRig, cell: Cell, finger: Finger, failure: Failure, _onset: int
+    ) -> None:
+        begin(rig, cell, finger, failure, 0)
+
+    monkeypatch.setattr(sensor_sweep, "_begin", begin_failed)
+    cell = replace(TRIP_BEFORE, failure="d:gain:0.1", identified=identified)
+    assert "a false trip" in run_cell(cell).violation
 
 
 def test_a_sound_plate_is_within_the_promise() -> None:
