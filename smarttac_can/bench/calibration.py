@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from math import hypot, sqrt
 from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
@@ -11,6 +12,15 @@ import numpy.typing as npt
 from smarttac_can.bench.plate_loads import STANDARD_GRAVITY, Placing, Weighing
 from smarttac_can.bench.stimulator import Stimulator
 from smarttac_can.bench.traces import Floats
+from smarttac_can.science.control.budget import (
+    COVERAGE,
+    RELATIVE_OF_FOUR,
+    Gauges,
+    budget,
+    combined,
+    relative_shift,
+    relative_uncertainty,
+)
 from smarttac_can.vocabulary.signals import KNOWN_WINDOW_MN
 
 LATERAL: Final = ("Fx from S1", "Fx from S2", "Fy from S1", "Fy from S2")
@@ -25,6 +35,12 @@ _INDEPENDENT: Final = 0.1
 """Least ratio of the singular values of lateral loads that have two directions."""
 GAUGES: Final = range(1, 7)
 SAMPLES: Final = 64
+BUDGET_COF: Final = 0.5
+"""COF for which a certificate has the budget of its uncertainty."""
+BUDGET_FORCES: Final = (0.2, 0.5, 1.0, 2.0)
+"""Normal forces of that budget in N."""
+BUDGET_TEMPERATURES: Final = (20.0, 35.0)
+"""Plate temperatures of that budget in degC."""
 
 
 class Calibration(NamedTuple):
@@ -123,6 +139,64 @@ class Calibration(NamedTuple):
             )
         return reasons
 
+    @property
+    def gauges(self) -> Gauges | None:
+        """Standard uncertainties of the tribometer with it; None without tilted weighings.
+
+        Noise, repeatability, drift, shift and linearity are those of the data sheet. The
+        sensitivities are as certain as the scatter of the fit and the repeatability of so many
+        weighings let them be. Nothing corrects the scale of Fn, so its whole deviation counts.
+        """
+        if self.lateral is None:
+            return None
+        sheet = Gauges()
+        xx, xy, yx, yy = self.lateral_uncertainty or (0.0, 0.0, 0.0, 0.0)
+        tilted = int(np.sum(~np.isnan(self.residuals[:, 0])))
+        # Half of the tilted weighings load each of the two axes.
+        repeated = sheet.repeatability / sqrt(0.5 * tilted)
+        scatter = max(xx / abs(self.lateral[0]), yy / abs(self.lateral[3]))
+        scale = RELATIVE_OF_FOUR * sheet.repeatability / sqrt(len(self.residuals))
+        return sheet._replace(
+            sensitivity_t=max(scatter, repeated),
+            sensitivity_n=hypot(self.scale - 1.0, scale),
+            crosstalk=0.5 * hypot(xy, yx),
+        )
+
+    def budget(self, temperature: float) -> list[dict[str, float]]:
+        """Return the budget of the COF after a calibration at a temperature in degC.
+
+        A row has the standard uncertainty of a COF of 0.5 by component, the combined one, and the
+        expanded one (k = 2), at a normal force and a temperature. There is no row without tilted
+        weighings.
+        """
+        if self.gauges is None:
+            return []
+        rows = []
+        for at in BUDGET_TEMPERATURES:
+            for Fn in BUDGET_FORCES:
+                parts = budget(self.gauges, BUDGET_COF, Fn, at - temperature)
+                total = combined(parts)
+                place = {"temperature_degC": at, "Fn_N": Fn, "COF": BUDGET_COF}
+                rows.append({**place, **parts, "combined": total, "expanded": COVERAGE * total})
+        return rows
+
+    def uncertainty_objects(self, temperature: float) -> dict[str, float]:
+        """Return the values of the objects with its uncertainty, by name, in displayed units.
+
+        Parameters
+        ----------
+        temperature
+            Plate temperature of the calibration in degC.
+        """
+        if self.gauges is None:
+            return {}
+        return {
+            "Calibration.COF uncertainty": 1e2 * relative_uncertainty(self.gauges),
+            "Calibration.COF uncertainty per K": 1e6 * relative_shift(self.gauges),
+            "Calibration.Null drift": 1e6 * self.gauges.drift,
+            "Calibration.Temperature": temperature,
+        }
+
     def objects(self) -> dict[str, float]:
         """Return the values of the objects that it sets, by name, in their displayed units."""
         values: dict[str, float] = {}
@@ -153,7 +227,7 @@ class Calibration(NamedTuple):
 def write_calibration(
     stimulator: Stimulator, calibration: Calibration, nulls: Floats
 ) -> dict[str, float]:
-    """Write a calibration, and the nulls with their window: all of it or nothing.
+    """Write a calibration, its uncertainty, and the nulls with their window: all or nothing.
 
     Parameters
     ----------
@@ -175,6 +249,7 @@ def write_calibration(
         If the stimulator refuses a value; the ones written before are restored.
     """
     values = calibration.objects()
+    values |= calibration.uncertainty_objects(stimulator.get("Plate temperature", "degC"))
     values |= {
         f"Gauge null.Null of S{gauge}": 1e3 * float(null)
         for gauge, null in zip(GAUGES, nulls, strict=True)

@@ -406,15 +406,17 @@ def calibrate(
         weighings, nulls = _weighed(stimulator, placings, gravity if rehearse else None)
         with plain_errors(ValueError):
             calibration = Calibration.fit(weighings, before, gravity)
+        temperature = stimulator.get("Plate temperature", "degC")
         results: dict[str, Any] = {
             "version": __version__,
             "time": datetime.now(UTC).isoformat(timespec="seconds"),
             "plate_serial_number": round(stimulator.get("Calibration.Plate serial number")),
-            "temperature_degC": stimulator.get("Plate temperature", "degC"),
+            "temperature_degC": temperature,
             "gravity_m_s2": gravity,
             "weighings": [weighing.as_json() for weighing in weighings],
             "nulls_mN": [round(float(null) * 1e3, 3) for null in nulls],
             "calibration": calibration.as_json(),
+            "budget": calibration.budget(temperature),
             "written": {},
         }
         shortcomings = calibration.shortcomings()
@@ -422,7 +424,7 @@ def calibrate(
             results["written"] = write_calibration(stimulator, calibration, nulls)
             stimulator.tare()
         file.write(json.dumps(results, indent=2) + "\n")
-        _show(calibration)
+        _show(calibration, temperature)
     if shortcomings:
         raise click.ClickException(
             one_line(f"not to be used: {'; '.join(shortcomings)}; {certificate} has all of it")
@@ -471,7 +473,7 @@ def _ask(what: str) -> None:
     click.prompt(f"{what}; Enter", default="", show_default=False, prompt_suffix=" ", err=True)
 
 
-def _show(calibration: Calibration) -> None:
+def _show(calibration: Calibration, temperature: float) -> None:
     od = stimulator_od()
     for name, value in calibration.objects().items():
         click.echo(f"{name}: {value:.4f} {od[name].unit.symbol}".rstrip())
@@ -480,3 +482,8 @@ def _show(calibration: Calibration) -> None:
         if not np.isnan(rms):
             click.echo(f"residual of {name}: {rms:.4f} {unit} rms")
     click.echo(f"S3 to S6 show {calibration.scale:.4f} of the weights")
+    for row in calibration.budget(temperature):
+        click.echo(
+            f"COF {row['COF']:g} at {row['Fn_N']:g} N and {row['temperature_degC']:g} degC: "
+            f"+- {row['expanded']:.3f} (k = 2)"
+        )

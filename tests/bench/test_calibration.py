@@ -146,7 +146,7 @@ def bench() -> Iterator[Stimulator]:
 def test_a_calibration_is_written_with_nulls_and_window(bench: Stimulator) -> None:
     nulls = mean_gauges(bench)
     written = write_calibration(bench, fitted(PLAN), nulls)
-    assert len(written) == 15
+    assert len(written) == 19
     assert bench.get("Calibration.Fx from S2") == pytest.approx(fitted(PLAN).lateral[1], abs=5e-5)
     assert bench.get("Calibration.Position of S4", "mm") == pytest.approx(28.5, abs=5e-3)
     assert bench.get("Gauge null.Null of S3", "N") == pytest.approx(nulls[2], abs=5e-5)

@@ -42,13 +42,18 @@ _FIELDS: Final = {
     "Model.Data sheet gain per volt": "sheet_gain",
     "Model.Data sheet tau": "sheet_tau",
     "Model.Data sheet tolerance": "sheet_tolerance",
+    "Calibration.COF uncertainty": "cof_uncertainty",
+    "Calibration.COF uncertainty per K": "cof_uncertainty_shift",
+    "Calibration.Null drift": "null_drift",
+    "Calibration.Temperature": "calibration_temperature",
     "Texture.Preview": "preview",
     "Limit.Voltage": "V_max",
     "Limit.Amplitude": "W_max",
     "Limit.Lowest frequency": "f_min",
     "Limit.Highest frequency": "f_max",
 }
-"""Objects that are one parameter each. Those of the calibration are combined to two parameters."""
+"""Objects that are one parameter each. The matrix of the calibration is one parameter, and so are
+its positions."""
 _Quantity = Callable[[str], float]
 """Function that returns the value of an object in SI units by its name."""
 

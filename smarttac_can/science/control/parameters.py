@@ -62,6 +62,14 @@ class CascadeParameters:
     """Positions of S3..S6 along x in m from the middle of the plate, -0.038..0.038."""
     gauge_noise: float = 4.3e-3
     """Standard uncertainty of one gauge in N, 0..1: u(mu) is 0.011 at 0.5 N and mu 0.4."""
+    cof_uncertainty: float = 0.0
+    """Relative standard uncertainty of the COF by a calibration, 0..1; 0 for noise alone."""
+    cof_uncertainty_shift: float = 0.0
+    """Relative standard uncertainty of the COF in 1/K away from the calibration, 0..0.1."""
+    null_drift: float = 0.0
+    """Standard uncertainty of a gauge's null in N/K away from the calibration, 0..1."""
+    calibration_temperature: float = 0.0
+    """Temperature of the calibration in degC, -40..125."""
 
     def __post_init__(self) -> None:
         VibrationLaw(self.vibration_law)
@@ -87,6 +95,10 @@ class CascadeParameters:
         for x in self.gauge_positions:
             require("gauge_positions", x, -0.038, 0.038)
         require("gauge_noise", self.gauge_noise, 0.0, 1.0)
+        require("cof_uncertainty", self.cof_uncertainty, 0.0, 1.0)
+        require("cof_uncertainty_shift", self.cof_uncertainty_shift, 0.0, 0.1)
+        require("null_drift", self.null_drift, 0.0, 1.0)
+        require("calibration_temperature", self.calibration_temperature, -40.0, 125.0)
 
     def clip_frequency(self, frequency: float) -> float:
         """Return a frequency in Hz, cut to the limits."""

@@ -69,6 +69,7 @@ from smarttac_can.science.control.texture import (
 )
 from smarttac_can.science.control.tribometer import (
     UNTOUCHED,
+    Calibrated,
     Forces,
     Gauging,
     PositionTrack,
@@ -274,7 +275,15 @@ def control_plan(
         W_max=p.W_max,
         f_min=p.f_min,
         f_max=p.f_max,
-        gauging=gauging_of(p.lateral, p.gauge_positions, p.gauge_noise, p.contact_force),
+        gauging=gauging_of(
+            p.lateral,
+            p.gauge_positions,
+            p.gauge_noise,
+            p.contact_force,
+            Calibrated(
+                p.cof_uncertainty, p.cof_uncertainty_shift, p.null_drift, p.calibration_temperature
+            ),
+        ),
         zero=zero,
         texture=texture,
     )
@@ -383,7 +392,7 @@ def control_step(
         off = turned_off(state, interrupted(state.learned))
         return off, Controlled(nobody, 0.0, 0.0, 0.0, 0, fault)
     amplitude = sqrt(W.real * W.real + W.imag * W.imag)
-    touch, contact, centre = contact_of(plan.gauging, plan.zero, state.touch, gauges)
+    touch, contact, centre = contact_of(plan.gauging, plan.zero, state.touch, gauges, temperature)
     Fn = contact[2] if contact[7] else 0.0
     learned = state.learned
     if plan.vibration_law == _PREDICTIVE:

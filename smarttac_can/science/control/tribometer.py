@@ -61,6 +61,14 @@ class Gauging(NamedTuple):
     x6: float
     sigma2: float
     """Variance of a gauge in N2."""
+    relative2: float
+    """Relative variance of the COF of a calibrated tribometer, in addition."""
+    shift2: float
+    """Growth of it with the square of the distance in K from the calibration, in 1/K2."""
+    drift2: float
+    """Variance of the drift of a gauge's null in N2/K2."""
+    calibrated_at: float
+    """Temperature of the calibration in degC."""
     press: float
     """Normal force in N above which a finger touches."""
     release: float
@@ -72,11 +80,29 @@ PositionTrack = tuple[bool, float, float, int]
 m, which is kept afterwards, speed in m/s, and samples as far as the gains depend on them."""
 
 
+class Calibrated(NamedTuple):
+    """What a calibration says of the uncertainty of the COF; see `science.control.budget`."""
+
+    relative: float
+    """Relative standard uncertainty of the COF at the temperature of the calibration."""
+    shift: float
+    """Relative standard uncertainty of the COF in 1/K away from that temperature."""
+    drift: float
+    """Standard uncertainty of a gauge's null in N/K away from that temperature."""
+    temperature: float
+    """Temperature of the calibration in degC."""
+
+
+UNCALIBRATED: Final = Calibrated(0.0, 0.0, 0.0, 0.0)
+"""No statement of a calibration: noise is all."""
+
+
 def gauging_of(
     lateral: Matrix,
     gauge_positions: tuple[float, float, float, float],
     gauge_noise: float,
     contact_force: float,
+    calibrated: Calibrated = UNCALIBRATED,
 ) -> Gauging:
     """Return the coefficients of the forces.
 
@@ -90,11 +116,15 @@ def gauging_of(
         Standard uncertainty of one tared gauge in N, for the uncertainty of the COF.
     contact_force
         Normal force in N above which a finger touches; the touch ends at 0.7 of it.
+    calibrated
+        What a calibration says of the uncertainty; by default noise is all.
     """
     (xx, xy), (yx, yy) = lateral
     variance = gauge_noise * gauge_noise
     thresholds = (contact_force, RELEASE * contact_force)
-    return Gauging(xx, xy, yx, yy, *gauge_positions, variance, *thresholds)
+    relative, shift, drift, temperature = calibrated
+    beside = (relative * relative, shift * shift, drift * drift, temperature)
+    return Gauging(xx, xy, yx, yy, *gauge_positions, variance, *beside, *thresholds)
 
 
 UNTOUCHED: Final[PositionTrack] = (False, 0.0, 0.0, 0)
@@ -135,7 +165,7 @@ def followed(touch: PositionTrack, position: float) -> PositionTrack:
 
 
 def contact_of(
-    gauging: Gauging, zero: Forces, touch: PositionTrack, gauges: Forces
+    gauging: Gauging, zero: Forces, touch: PositionTrack, gauges: Forces, temperature: float
 ) -> tuple[PositionTrack, ContactFields, float]:
     """Return the touch after a tick, its contact, and the centre of pressure of this tick.
 
@@ -149,6 +179,8 @@ def contact_of(
         Zeros and raw forces of S1..S6 in N.
     touch
         Touch after the tick before.
+    temperature
+        Plate temperature in degC.
     """
     s1, s2, s3, s4, s5, s6 = gauges
     o1, o2, o3, o4, o5, o6 = zero
@@ -158,7 +190,10 @@ def contact_of(
     s4 -= o4
     s5 -= o5
     s6 -= o6
-    xx, xy, yx, yy, x3, x4, x5, x6, sigma2, press, release = gauging
+    (
+        xx, xy, yx, yy, x3, x4, x5, x6, sigma2, relative2, shift2, drift2, calibrated_at, press,
+        release,
+    ) = gauging  # fmt: skip
     Fx = xx * s1 + xy * s2
     Fy = yx * s1 + yy * s2
     Fn = s3 + s4 + s5 + s6
@@ -169,8 +204,12 @@ def contact_of(
     touch = followed(touch, centre) if touching else first_of(centre)
     _, line, speed, _ = touch
     mu = sqrt(Fx * Fx + Fy * Fy) / Fn
-    # Four gauges make up Fn: sig_n^2 = 4 sig^2.
-    u_mu = sqrt(sigma2 * (1.0 + 4.0 * mu * mu)) / Fn
+    # The budget of science.control.budget. Four gauges make up Fn: sig_n^2 = 4 sig^2.
+    warmer = temperature - calibrated_at
+    away2 = warmer * warmer
+    absolute = (sigma2 + drift2 * away2) * (1.0 + 4.0 * mu * mu)
+    relative = (relative2 + shift2 * away2) * (mu * Fn) * (mu * Fn)
+    u_mu = sqrt(absolute + relative) / Fn
     return touch, (Fx, Fy, Fn, mu, u_mu, line, speed, True), centre
 
 
@@ -184,8 +223,8 @@ def centre_uncertainty(gauging: Gauging, Fn: float) -> float:
     Fn
         Normal force in N, above 0.
     """
-    _, _, _, _, x3, x4, x5, x6, sigma2, _, _ = gauging
-    return sqrt(sigma2 * (x3 * x3 + x4 * x4 + x5 * x5 + x6 * x6)) / Fn
+    x3, x4, x5, x6 = gauging.x3, gauging.x4, gauging.x5, gauging.x6
+    return sqrt(gauging.sigma2 * (x3 * x3 + x4 * x4 + x5 * x5 + x6 * x6)) / Fn
 
 
 class Nulls:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Self
 
 import numpy as np
 
@@ -110,7 +111,7 @@ class SensorParameters:
     """Strain gauges, vibration pick-up and thermometer."""
 
     serial: int = 1
-    """Serial number of the hardware, which seeds null, drift and curvature of each gauge."""
+    """Serial number of the hardware, which seeds the individual data of each gauge."""
     path_frequency: float = 100.0
     """Natural frequency of the force path, flexure and filter, in Hz [A]."""
     path_damping: float = 0.7
@@ -130,6 +131,15 @@ class SensorParameters:
     no load is calibrated [A]."""
     span: float = 14.7
     """Span of a gauge in N [L, FSS1500]."""
+    sensitivity: float = 0.0
+    """Bound of the error of a gauge's sensitivity, as a fraction, 0..0.5; 0 for gauges that are
+    trimmed [A]. See :meth:`data_sheet`."""
+    sensitivity_shift: float = 0.0
+    """Bound of the shift of a gauge's sensitivity in 1/K, 0..0.01 [A]; 0 for none."""
+    repeatability: float = 0.0
+    """Bound of the repeatability of a gauge as a fraction of its load, 0..0.5; 0 for none [A]. Its
+    error is normal, with the bound over the square root of 3 as standard deviation, and changes
+    within about 1 s [A]."""
     gauge_noise: float = 4.3e-3
     """Standard deviation of a gauge in N [A]: u(mu) is 0.011 at Fn = 0.5 N and mu = 0.4."""
     pickup_noise: float = 1e-9
@@ -161,6 +171,9 @@ class SensorParameters:
             require(name, getattr(self, name), 0.0, 100.0)
         require("drift", self.drift, 0.0, 1.0)
         require("drift_temperature", self.drift_temperature, -40.0, 125.0)
+        require("sensitivity", self.sensitivity, 0.0, 0.5)
+        require("sensitivity_shift", self.sensitivity_shift, 0.0, 0.01)
+        require("repeatability", self.repeatability, 0.0, 0.5)
         require("gauge_noise", self.gauge_noise, 0.0, 1.0)
         require("pickup_noise", self.pickup_noise, 0.0, 1e-6)
         least_window = 1e-6 if self.pickup_window else 0.0
@@ -171,6 +184,27 @@ class SensorParameters:
         require("pickup_resolution", self.pickup_resolution, 1e-15, 1e-6)
         require("temperature_resolution", self.temperature_resolution, 1e-9, 1.0)
         require("full_scale", self.full_scale, 1, 2**31 - 1)
+
+    @classmethod
+    def data_sheet(cls, serial: int = 1, sensitivity: float = 0.17) -> Self:
+        """Return sensors with gauges as their data sheet has them [L, FSS1500].
+
+        Their sensitivity shifts by up to 5.5 % over 25 K, and repeats to 98 mN at 300 g. By default
+        a gauge has its nominal sensitivity at any temperature and load.
+
+        Parameters
+        ----------
+        serial
+            Serial number of the hardware.
+        sensitivity
+            Bound of the error of the sensitivity, 17 % before the amplifiers are trimmed.
+        """
+        return cls(
+            serial=serial,
+            sensitivity=sensitivity,
+            sensitivity_shift=0.055 / 25.0,
+            repeatability=98e-3 / (0.3 * 9.80665),
+        )
 
 
 @dataclass(frozen=True, slots=True)

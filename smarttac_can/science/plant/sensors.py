@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import floor
+from math import floor, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -15,12 +15,17 @@ from smarttac_can.vocabulary.signals import PICKUP_SATURATED, MeasurementFields
 
 NOISE_BLOCK = 256
 """Number of ticks whose noise comes from one generator."""
-CHANNELS = 9
-"""Noisy channels: S1..S6, the two axes of the pick-up, the thermometer."""
+CHANNELS = 15
+"""Noisy channels: S1..S6, the two axes of the pick-up, the thermometer, repeatability of S1..S6."""
+REPEAT_BLOCKS = 4
+"""Blocks of noise from one independent error of repeatability to the next, about 1 s [A]."""
 _DRAW = 16
 """Number of ticks drawn at once; drawing a whole block would make its first cycle late."""
 _NOISE_STREAM = 0x4E
+_REPEAT_STREAM = 0x52
 _SERIAL_STREAM = 0x53
+_WHITE = 9
+"""Channels whose noise is white."""
 
 
 class Gauge(NamedTuple):
@@ -32,6 +37,14 @@ class Gauge(NamedTuple):
     """Shift of the null in N/K."""
     bow: float
     """Curvature in 1/N."""
+    sensitivity: float
+    """Slope at no load and at the temperature of the null; 1 for a trimmed gauge."""
+    shift: float
+    """Shift of the slope in 1/K."""
+    repeat: float
+    """Standard deviation of the slope from one load to the next."""
+    weight: float
+    """Static load in N."""
 
 
 class Weight(NamedTuple):
@@ -70,11 +83,19 @@ class Sensing(NamedTuple):
 def sensing(parameters: SensorParameters) -> Sensing:
     """Return the sensors with these parameters; the serial number seeds the data of the gauges."""
     p = parameters
-    draws = default_rng([p.serial, _SERIAL_STREAM]).uniform(-1.0, 1.0, (3, 6))
+    draws = default_rng([p.serial, _SERIAL_STREAM]).uniform(-1.0, 1.0, (5, 6))
     curvature = 4.0 * p.linearity / (p.span * p.span) if p.span else 0.0
     s1, s2, s3, s4, s5, s6 = (
-        Gauge(p.null * null, p.drift * drift, curvature * bow)
-        for null, drift, bow in draws.T.tolist()
+        Gauge(
+            p.null * null,
+            p.drift * drift,
+            curvature * bow,
+            1.0 + p.sensitivity * error,
+            p.sensitivity_shift * shift,
+            p.repeatability / sqrt(3.0),
+            0.0,
+        )
+        for null, drift, bow, error, shift in draws.T.tolist()
     )
     (xx, _), (yx, _) = p.crosstalk
     return Sensing(
@@ -93,11 +114,7 @@ def sensing(parameters: SensorParameters) -> Sensing:
 
 
 def loaded(parameters: SensorParameters, weight: Weight) -> Sensing:
-    """Return the sensors under a weight.
-
-    The weight shifts the output of each gauge without a finger. The mixed term of its bow, twice
-    the product of both loads, is neglected [A].
-    """
+    """Return the sensors under a weight, which loads each gauge in addition to a finger."""
     Fx, Fy, Fn, x = weight
     (xx, xy), (yx, yy) = parameters.crosstalk
     lean = Fn * x / parameters.node_x
@@ -105,31 +122,49 @@ def loaded(parameters: SensorParameters, weight: Weight) -> Sensing:
     loads = (xx * Fx + xy * Fy, yx * Fx + yy * Fy, left, right, left, right)
     bare = sensing(parameters)
     s1, s2, s3, s4, s5, s6 = (
-        gauge._replace(null=gauge.null + load + gauge.bow * load * load)
-        for gauge, load in zip(bare.gauges, loads, strict=True)
+        gauge._replace(weight=load) for gauge, load in zip(bare.gauges, loads, strict=True)
     )
     return bare._replace(gauges=(s1, s2, s3, s4, s5, s6))
 
 
 def noise_block(parameters: SensorParameters, seed: int, block: int) -> NDArray[np.float64]:
-    """Return the noise of ticks ``256 block`` to ``256 block + 255``, a row of 9 a tick, SI."""
+    """Return the noise of ticks ``256 block`` to ``256 block + 255``, a row of 15 a tick, SI."""
     return _Block(parameters, seed, block).draw(NOISE_BLOCK)
 
 
 class _Block:
     """Noise of a block of ticks; it does not depend on how many ticks are drawn at once."""
 
-    __slots__ = ("_rng", "_scale")
+    __slots__ = ("_first", "_knots", "_rng", "_scale")
 
     def __init__(self, parameters: SensorParameters, seed: int, block: int) -> None:
         p = parameters
         self._scale = np.array([p.gauge_noise] * 6 + [p.pickup_noise] * 2 + [p.temperature_noise])
         self._rng = default_rng([seed, _NOISE_STREAM, block])
+        self._first = block % REPEAT_BLOCKS * NOISE_BLOCK
+        knot = block // REPEAT_BLOCKS
+        self._knots = (
+            np.array([_at_knot(seed, knot), _at_knot(seed, knot + 1)]) if p.repeatability else None
+        )
 
     def draw(self, ticks: int) -> NDArray[np.float64]:
-        """Return the next rows, a row of 9 per tick, in SI."""
-        noise: NDArray[np.float64] = self._rng.standard_normal((ticks, CHANNELS)) * self._scale
+        """Return the next rows, a row of 15 per tick, in SI."""
+        noise = np.zeros((ticks, CHANNELS))
+        noise[:, :_WHITE] = self._rng.standard_normal((ticks, _WHITE)) * self._scale
+        if self._knots is not None:
+            ticks_on = np.arange(self._first, self._first + ticks)
+            angle = ticks_on * (0.5 * pi / (REPEAT_BLOCKS * NOISE_BLOCK))
+            noise[:, _WHITE:] = np.column_stack((np.cos(angle), np.sin(angle))) @ self._knots
+        self._first += ticks
         return noise
+
+
+def _at_knot(seed: int, knot: int) -> NDArray[np.float64]:
+    """Return the errors of repeatability at a knot, six normal numbers.
+
+    Between two knots they are mixed by sine and cosine, so that the variance is 1 at any tick.
+    """
+    return default_rng([seed, _REPEAT_STREAM, knot]).standard_normal(6)
 
 
 def readings(
@@ -146,7 +181,8 @@ def readings(
     sensing
         Coefficients of the sensors.
     noise
-        Noise of S1..S6 in N, of the axes of the pick-up in m and of the thermometer in K.
+        Noise of S1..S6 in N, of the axes of the pick-up in m and of the thermometer in K, and the
+        errors of repeatability of S1..S6 in standard deviations.
     W
         Vibration in m peak-to-peak.
     temperature
@@ -164,12 +200,12 @@ def readings(
     left = 0.25 * (Fn - lean)
     right = 0.25 * (Fn + lean)
     warmth = temperature - drift_temperature
-    c1 = _count(g1, xx * Fx, warmth, noise[0], step)
-    c2 = _count(g2, yx * Fx, warmth, noise[1], step)
-    c3 = _count(g3, left, warmth, noise[2], step)
-    c4 = _count(g4, right, warmth, noise[3], step)
-    c5 = _count(g5, left, warmth, noise[4], step)
-    c6 = _count(g6, right, warmth, noise[5], step)
+    c1 = _count(g1, xx * Fx, warmth, noise[0], noise[9], step)
+    c2 = _count(g2, yx * Fx, warmth, noise[1], noise[10], step)
+    c3 = _count(g3, left, warmth, noise[2], noise[11], step)
+    c4 = _count(g4, right, warmth, noise[3], noise[12], step)
+    c5 = _count(g5, left, warmth, noise[4], noise[13], step)
+    c6 = _count(g6, right, warmth, noise[5], noise[14], step)
     saturated = 0
     if not -limit < min(c1, c2, c3, c4, c5, c6) <= max(c1, c2, c3, c4, c5, c6) < limit:
         saturated = (
@@ -195,8 +231,11 @@ def readings(
     )
 
 
-def _count(gauge: Gauge, load: float, warmth: float, noise: float, step: float) -> int:
-    null, drift, bow = gauge
+def _count(
+    gauge: Gauge, load: float, warmth: float, noise: float, repeat: float, step: float
+) -> int:
+    null, drift, bow, sensitivity, shift, scatter, weight = gauge
+    load = (load + weight) * (sensitivity + shift * warmth + scatter * repeat)
     return floor((load + bow * load * load + null + drift * warmth + noise) / step + 0.5)
 
 

@@ -132,7 +132,7 @@ def run(
     asked
         Mode and set-point.
     noise
-        A row of 9 values for each tick, and for the one after the last.
+        A row of 15 values for each tick, and for the one after the last.
     traces
         Array to fill, a row per tick: true COF, measured COF, 1.0 right of the boundary.
 

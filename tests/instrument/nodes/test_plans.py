@@ -124,6 +124,8 @@ FOLLOWS = {
     **dict.fromkeys([f"Calibration.Position of S{n}" for n in range(3, 7)],
                     "control.gauging watch.gauge_positions"),
     "Calibration.Plate serial number": "watch.serial",
+    **dict.fromkeys(["Calibration.COF uncertainty", "Calibration.COF uncertainty per K",
+                     "Calibration.Null drift", "Calibration.Temperature"], "control.gauging"),
     **dict.fromkeys([f"Gauge zero.Zero of S{n}" for n in range(1, 7)], "control.zero"),
     # Which of no tables does not matter.
     "Texture.Slot": "",

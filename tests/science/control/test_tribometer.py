@@ -13,6 +13,7 @@ from smarttac_can.science.control.cascade import Cascade
 from smarttac_can.science.control.friction import is_right
 from smarttac_can.science.control.parameters import CascadeParameters
 from smarttac_can.science.control.tribometer import (
+    UNCALIBRATED,
     UNTOUCHED,
     Nulls,
     calibration,
@@ -32,13 +33,16 @@ SIGMA = 4.3e-3
 class Instrument:
     """A tribometer between two ticks."""
 
-    def __init__(self, crosstalk, contact_force):
-        self.gauging = gauging_of(calibration(crosstalk), GAUGE_X, SIGMA, contact_force)
+    def __init__(self, crosstalk, contact_force, calibrated=UNCALIBRATED):
+        self.gauging = gauging_of(calibration(crosstalk), GAUGE_X, SIGMA, contact_force, calibrated)
+        self.temperature = 20.0
         self.zero, self.touch, self.nulls = (0.0,) * 6, UNTOUCHED, Nulls()
 
     def update(self, raw):
         self.nulls.add(raw)
-        self.touch, contact, self.centre = contact_of(self.gauging, self.zero, self.touch, raw)
+        self.touch, contact, self.centre = contact_of(
+            self.gauging, self.zero, self.touch, raw, self.temperature
+        )
         return Contact(*contact)
 
 

@@ -195,6 +195,38 @@ def test_bow_leaves_the_slope_at_no_load():
     assert read(bent, Fx=3.0).gauges[0] == pytest.approx(3.0, abs=0.22)
 
 
+def test_data_sheet_gauges_differ_in_sensitivity_and_its_shift():
+    """A gauge of 17 % shifts by up to 5.5 % of its load over 25 K."""
+    still = {"null": 0.0, "drift": 0.0, "linearity": 0.0, "gauge_noise": 0.0, "repeatability": 0.0}
+    slopes, shifts = [], []
+    for serial in range(100):
+        sheet = dataclasses.replace(SensorParameters.data_sheet(serial), **still)
+        cold = np.array(read(sheet, temperature=20.0, Fn=4.0).gauges[2:])
+        warm = np.array(read(sheet, temperature=45.0, Fn=4.0).gauges[2:])
+        slopes.extend(cold - 1.0)
+        shifts.extend(warm - cold)
+    for values, bound in ((slopes, 0.17), (shifts, 0.055)):
+        assert -bound - 2e-4 <= min(values) < -0.95 * bound
+        assert 0.95 * bound < max(values) <= bound + 2e-4
+
+
+def test_repeatability_is_a_slow_error_in_proportion_to_the_load():
+    sheet = SensorParameters.data_sheet()
+    rows = np.concatenate([noise_block(sheet, 3, block)[:, 9:] for block in range(400)])
+    assert np.std(rows, axis=0) == pytest.approx([1.0] * 6, rel=0.25)
+    assert np.abs(np.diff(rows, axis=0)).max() < 0.01
+    knot = 1024  # the mean of sin cos is left after one knot, and nothing after two
+    assert np.mean(rows[:-knot] * rows[knot:]) == pytest.approx(1.0 / np.pi, abs=0.1)
+    assert abs(np.mean(rows[: -2 * knot] * rows[2 * knot :])) < 0.1
+    bare = dataclasses.replace(IDEAL, repeatability=sheet.repeatability)
+    noise = [0.0] * 9 + [1.0, -1.0, 0.0, 0.0, 0.0, 2.0]
+    for Fn in (1.0, 2.0):
+        still = (0.0, 0.0, 0.0)
+        S6 = readings(loaded(bare, Weight(Fn=Fn)), noise, 0j, 20.0, still)[1][5]
+        assert pytest.approx(0.25 * Fn * (1.0 + 2.0 * 0.01923), abs=1e-4) == S6
+    assert not noise_block(REAL, 3, 0)[:, 9:].any()
+
+
 def test_a_weight_is_on_each_gauge_by_cross_talk_lever_and_bow() -> None:
     still = dataclasses.replace(REAL, gauge_noise=0.0)
     sensors = Sensors(still, 1)
