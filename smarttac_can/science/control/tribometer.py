@@ -48,6 +48,10 @@ _BETA: Final = (1.0 - MEMORY) ** 2
 _BETA_RATE: Final = _BETA / TICK
 
 
+FARTHEST: Final = 1e3
+"""Bound in K of the distance from the temperature of the calibration."""
+
+
 class Gauging(NamedTuple):
     """Coefficients of the forces from tared gauges."""
 
@@ -205,8 +209,10 @@ def contact_of(
     _, line, speed, _ = touch
     mu = sqrt(Fx * Fx + Fy * Fy) / Fn
     # The budget of science.control.budget. Four gauges make up Fn: sig_n^2 = 4 sig^2.
-    warmer = temperature - calibrated_at
-    away2 = warmer * warmer
+    # A thermometer that is broken does not make a contact, and no number that is not finite.
+    away = temperature - calibrated_at
+    away = FARTHEST if not -FARTHEST < away < FARTHEST else away
+    away2 = away * away
     absolute = (sigma2 + drift2 * away2) * (1.0 + 4.0 * mu * mu)
     relative = (relative2 + shift2 * away2) * (mu * Fn) * (mu * Fn)
     u_mu = sqrt(absolute + relative) / Fn

@@ -15,6 +15,7 @@ from smarttac_can.science.control.parameters import CascadeParameters
 from smarttac_can.science.control.tribometer import (
     UNCALIBRATED,
     UNTOUCHED,
+    Calibrated,
     Nulls,
     calibration,
     centre_uncertainty,
@@ -89,6 +90,17 @@ def test_loads_that_cannot_be_told_apart(crosstalk):
 
 def test_loads_of_a_tenth_are_told_apart():
     assert calibration(((0.1, 0.0), (0.0, 1.0))) == ((10.0, 0.0), (0.0, 1.0))
+
+
+@pytest.mark.parametrize("temperature", [math.nan, math.inf, -math.inf, 1e200])
+def test_uncertainty_with_a_broken_thermometer_is_finite(temperature):
+    for calibrated in (UNCALIBRATED, Calibrated(0.01, 1e-3, 1e-3, 20.0)):
+        instrument = Instrument(((1.0, 0.0), (0.0, 1.0)), 0.1, calibrated)
+        sound = instrument.update(gauges(Fx=0.2, Fn=0.5))
+        instrument.temperature = temperature
+        contact = instrument.update(gauges(Fx=0.2, Fn=0.5))
+        assert contact.mu == sound.mu
+        assert sound.u_mu <= contact.u_mu < 10.0
 
 
 def test_uncertainty_is_the_spread_of_the_measured_cof():
