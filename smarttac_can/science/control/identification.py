@@ -15,19 +15,35 @@ gain and tau by the same factor, so ``kappa = gain/tau`` of a plate is constant.
 known kappa and a smaller tau is therefore a loaded plate, even if a tare hides the finger from the
 gauges.
 
-The model is accepted if it agrees with the data sheet of the plate, and if a second, shorter sweep
-at half the voltage finds the same gain and tau. A pick-up that has lost gain, or whose gain depends
-on the amplitude, gives no model. f0 may differ between both sweeps, as real plates soften.
+The model is accepted if it agrees with the data sheet of the plate. A second, shorter sweep at half
+the voltage tells what grows with the amplitude from what does not. Softening becomes part of the
+model. Losses that grow, a resonance that falls with the square of the amplitude, and a second mode
+are remarked (`sweep_models`); gain, tau and f0 are then those of the first mode at small vibration.
+A pick-up that has lost gain, or whose gain depends on the amplitude, gives no model.
 """
 
 from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from typing import NamedTuple
 
 from smarttac_can.science.control.parameters import CascadeParameters
+from smarttac_can.science.control.sweep_models import (
+    FIT_STEPS,
+    Growth,
+    Inverse,
+    Point,
+    growths,
+    inverses,
+    is_bent,
+    modes_of,
+    next_fit,
+    noise_of,
+    unexplained_by,
+    without,
+)
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.signals import TICK, Drive
 from smarttac_can.vocabulary.states import IdentificationState
@@ -65,16 +81,23 @@ SWEEP_SETTLING = 7.0
 """Ticks after a change of frequency, in time constants."""
 SWEEP_TICKS = 12
 SWEEPS = 4
-CHECK_POINTS = 7
-"""Number of frequencies of the second sweep."""
+CHECK_POINTS = (0, 3, 5, 8, 11, 13, 16)
+"""Frequencies of the first sweep that the second one repeats."""
 CHECK_SHARE = 0.5
 """Ratio of the voltage of the second sweep to that of the first."""
 LINEAR = 0.05
-"""Largest relative difference of gain and tau between both sweeps, in addition to the noise."""
+"""Largest relative difference of kappa between both sweeps, in addition to the noise."""
 SAME = 1.25
 """Largest ratio of the tau that a sweep finds to the tau for which it was designed."""
-SOFTENING_MIN = 10e6
-"""Softening in Hz/m up to which a plate counts as linear, as it does if the noise explains it."""
+SQUARE = 2
+"""Power of a growth with the square of the amplitude."""
+GROWTH_MIN = 0.01
+"""Relative growth of the losses at 1 um that is remarked."""
+FALL_TOLD = 0.15
+"""Largest fall of f0 in half bandwidths besides which two modes are told apart. It is known to some
+2 % if there is a second mode."""
+BENT_PART = 0.1
+"""Share of a fall of f0 that may look like losses if there is a second mode."""
 RESIDUAL_MAX = 0.05
 """Largest relative deviation of the sweep from a resonance, in addition to the noise."""
 RESIDUAL_NOISE = 5.0
@@ -99,8 +122,6 @@ class _Sweep(NamedTuple):
     """Ticks for which a point is measured."""
     offset: complex
     """Reading of the pick-up at rest in m."""
-    noise: float
-    """Standard deviation of a point in m."""
 
 
 class IdentificationError(Exception):
@@ -197,32 +218,164 @@ class Identification:
                 raise IdentificationError(f"limits {low:.0f}..{high:.0f} Hz leave nothing to sweep")
             V = min(W_SWEEP / gain, V_max)
             settling = math.ceil(SWEEP_SETTLING * tau / TICK)
-            sweep = _Sweep(low, high, settling, ticks, offset, noise / math.sqrt(ticks))
-            model = yield from self._sweep(V, sweep, SWEEP_POINTS)
+            sweep = _Sweep(low, high, settling, ticks, offset)
+            points = yield from self._sweep(V, sweep, range(SWEEP_POINTS))
+            model = _fit_sweep(inverses(points, 0.0))
             fits = low <= model.f0 <= high and 1.0 / SAME <= model.tau / tau <= SAME
             tau, f0, gain = model.tau, model.f0, model.gain
             if fits:
+                check = yield from self._sweep(CHECK_SHARE * V, sweep, CHECK_POINTS)
+                model, seen = yield from _judge(points, check, ticks, p.W_max)
+                f0 = model.f0
+                if not f_min <= f0 <= f_max:
+                    break
                 _require_unloaded(model, known)
                 _require_data_sheet(model, p)
-                check = yield from self._sweep(CHECK_SHARE * V, sweep, CHECK_POINTS)
-                _require_linear(model, check, sweep.noise / (CHECK_SHARE * V * gain))
-                self.remark = _remark_on_delay(steps, p.dead_time)
+                delay = _remark_on_delay(steps, p.dead_time)
+                self.remark = "; ".join(filter(None, (*seen, delay)))
                 return model
         if f_min <= f0 <= f_max:
             raise IdentificationError(f"no sweep fits the resonance it finds, last {f0:.0f} Hz")
         raise IdentificationError(f"resonance {f0:.0f} Hz is outside {f_min:.0f}..{f_max:.0f}")
 
-    def _sweep(self, V: float, sweep: _Sweep, count: int) -> Procedure:
-        """Return the model that fits the mean vibration at each frequency after settling."""
-        low, high, settling, ticks, offset, noise = sweep
-        points: list[tuple[float, complex]] = []
-        begin, end = (0.4, 0.8) if count == SWEEP_POINTS else (0.8, 1.0)
-        for i in range(count):
-            self.progress = max(self.progress, begin + (end - begin) * i / count)
-            f = low + (high - low) * i / (count - 1)
+    def _sweep(
+        self, V: float, sweep: _Sweep, which: Sequence[int]
+    ) -> Generator[Drive, complex, list[Point]]:
+        """Return the mean vibration after settling at some of the frequencies of a sweep."""
+        low, high, settling, ticks, offset = sweep
+        points: list[Point] = []
+        begin, end = (0.4, 0.8) if len(which) == SWEEP_POINTS else (0.8, 1.0)
+        for i in which:
+            self.progress = max(self.progress, begin + (end - begin) * len(points) / len(which))
+            f = low + (high - low) * i / (SWEEP_POINTS - 1)
             yield from _hold(V, f, settling)
-            points.append((f, _mean((yield from _hold(V, f, ticks))) - offset))
-        return _fit_sweep(V, points, noise)
+            samples = yield from _hold(V, f, ticks)
+            deviation = _deviation(samples) / math.sqrt(ticks)
+            points.append(Point(f, V, _mean(samples) - offset, deviation))
+        return points
+
+
+def _judge(
+    first: list[Point], check: list[Point], ticks: int, W_max: float
+) -> Generator[Drive, complex, tuple[PlateModel, list[str]]]:
+    """Return the model of two sweeps, and remarks on what is no single, linear resonance.
+
+    Each point is the mean of some ticks. The work is spread over some more ticks at 0 V, of which
+    it takes a third each. A fall with the square becomes a softening that is right at W_max in m.
+    """
+    noise = noise_of(first, check)
+    offset = noise * math.sqrt(ticks / OFFSET_TICKS)
+    full, half = inverses(first, noise), inverses(check, noise)
+    losses, falls = growths(full, half, offset)
+    size = max((point.size for point in full), default=0.0)
+    remarks = []
+    if unexplained := unexplained_by(losses, falls, size, len(half)):
+        losses = losses._replace(value=0.0)
+    rest = Drive(0.0, first[-1].f)
+    yield rest
+    slope = _slope(
+        _fit_sweep([point._replace(y=point.y - 1j * falls.of(point.size)) for point in full])
+    )
+    _require_linear(
+        _fit_sweep(without(full, None, falls, slope)),
+        _fit_sweep(without(half, None, falls, slope)),
+        max(point.unsure / abs(point.y) for point in half),
+    )
+    points = without(full, losses, falls, slope)
+    model = _fit_sweep(points)
+    if unexplained:
+        remarks.append(
+            f"the sweeps differ by {100.0 * unexplained * model.gain:.1f} % more than softening "
+            "and losses explain: check the pick-up"
+        )
+    yield rest
+    if bent := is_bent(points, offset):
+        told = not unexplained and abs(falls.of(size)) * model.gain <= FALL_TOLD
+        model, remark = yield from _two_modes(points, model, rest, told=told)
+        if not unexplained:
+            remarks.append(remark)
+    remarks += _remarks_on_growth(losses, falls, model, W_max, bent=bent)
+    # The bound of the vibration has to know how low the resonance may fall.
+    softening = falls.value / slope * W_max ** (falls.power - 1)
+    return _model(model.gain, model.tau, model.f0, softening), remarks
+
+
+def _remarks_on_growth(
+    losses: Growth, falls: Growth, model: PlateModel, W_max: float, *, bent: bool
+) -> list[str]:
+    remarks = []
+    if falls.value and falls.power == SQUARE:
+        remarks.append(
+            "the resonance falls with the square of the amplitude, by "
+            f"{falls.of(1e-6) / _slope(model):.0f} Hz at 1 um: "
+            f"Model.Softening is right at {W_max * 1e6:g} um"
+        )
+    # On a bent line a fall of f0 looks like losses, by a part of it.
+    like_losses = BENT_PART * abs(falls.of(1e-6)) * model.gain if bent else 0.0
+    growth = losses.of(1e-6) * model.gain
+    if abs(growth) > GROWTH_MIN + like_losses:
+        square = "square of the " if losses.power == SQUARE else ""
+        remarks.append(
+            f"the losses grow with the {square}amplitude, by {100.0 * growth:.0f} % at 1 um: "
+            "gain and tau are those of a small vibration"
+        )
+    return remarks
+
+
+def _two_modes(
+    points: list[Inverse], line: PlateModel, rest: Drive, *, told: bool
+) -> Generator[Drive, complex, tuple[PlateModel, str]]:
+    """Return the model of a sweep that is no single resonance, and the remark on it.
+
+    Each step of the fit has a tick of its own.
+    """
+    modes, fit = None, None
+    try:
+        for step in range(FIT_STEPS if told else 0):
+            fit = next_fit(points, line.gain, fit, step)
+            yield rest
+        modes = modes_of(points, line.gain, fit) if fit else None
+    except ArithmeticError:
+        pass
+    second = ""
+    if modes:
+        second = (
+            f"a second mode of some {100.0 * modes.share:.0f} % of the gain some "
+            f"{abs(modes.offset):.0f} Hz {'above' if modes.offset > 0.0 else 'below'}"
+        )
+    off = _off(points, line)
+    if off > RESIDUAL_MAX:
+        as_with = f", as with {second}" if second else ""
+        raise IdentificationError(
+            f"no single resonance: the sweep is {100.0 * off:.0f} % off one{as_with}"
+        )
+    if not modes:
+        return line, (
+            "no single resonance, as with a second mode that is not told apart: "
+            "gain and tau are those of both"
+        )
+    return (
+        _model(modes.gain, modes.tau, modes.f0),
+        f"the pick-up sees {second}: the model is that of the first",
+    )
+
+
+def _off(points: list[Inverse], line: PlateModel) -> float:
+    """Return the largest relative deviation from a resonance, beyond the noise."""
+    turn = 2.0 * math.pi * line.tau
+    return max(
+        abs(complex(1.0, turn * (f - line.f0)) / (line.gain * y) - 1.0)
+        - RESIDUAL_NOISE * unsure / abs(y)
+        for f, y, _, unsure in points
+    )
+
+
+def _model(gain: float, tau: float, f0: float, softening: float = 0.0) -> PlateModel:
+    """Return a model; `IdentificationError` if no controller takes it."""
+    try:
+        return PlateModel(gain, tau, f0, softening=softening)
+    except ValueError as error:
+        raise IdentificationError(str(error)) from error
 
 
 def _remark_on_delay(steps: StepResponse, dead_time: float) -> str:
@@ -287,55 +440,33 @@ def _steps(
     return tau, f - dw / (2.0 * math.pi), amplitude / V, response
 
 
-def _fit_sweep(V: float, points: list[tuple[float, complex]], noise: float) -> PlateModel:
-    """Fit the straight line V/W over the frequency, weighted by its variance.
-
-    Its imaginary part is proportional to ``f - f0 + softening |W|``. The amplitudes of one sweep
-    differ by 30 %, which gives the softening.
-    """
-    weights = [abs(W) ** 4 for _, W in points]
+def _fit_sweep(points: list[Inverse]) -> PlateModel:
+    """Fit the straight line y = V/W over the frequency, weighted by its variance."""
+    weights = [point.size**4 for point in points]
     total = math.fsum(weights)
     if total == 0.0:
         raise IdentificationError("no vibration in the sweep")
-    inverse = [V / W if W else 0j for _, W in points]
-    f_mean, A_mean, real, imag = (
+    f_mean, real, imag = (
         math.fsum(w * x for w, x in zip(weights, of, strict=True)) / total
         for of in (
-            [f for f, _ in points],
-            [abs(W) for _, W in points],
-            [z.real for z in inverse],
-            [z.imag for z in inverse],
+            [point.f for point in points],
+            [point.y.real for point in points],
+            [point.y.imag for point in points],
         )
     )
-    ff = fa = aa = fz = az = 0.0
-    for w, (f, W), z in zip(weights, points, inverse, strict=True):
-        df, dA, dz = f - f_mean, abs(W) - A_mean, z.imag - imag
-        ff, fa, aa = ff + w * df * df, fa + w * df * dA, aa + w * dA * dA
-        fz, az = fz + w * df * dz, az + w * dA * dz
-    slope = fz / ff
-    determinant = ff * aa - fa * fa
-    softening = 0.0
-    if determinant > 0.0 and (bent := aa * fz - fa * az) > 0.0:
-        found = (ff * az - fa * fz) / bent
-        # The uncertainty of a point follows from its weight: V noise/|W|^2.
-        unsure = RESIDUAL_NOISE * V * noise * math.sqrt(ff * determinant) / bent
-        if abs(found) > max(SOFTENING_MIN, unsure):
-            slope, softening = bent / determinant, found
+    ff = fy = 0.0
+    for w, (f, y, _, _) in zip(weights, points, strict=True):
+        df = f - f_mean
+        ff, fy = ff + w * df * df, fy + w * df * (y.imag - imag)
+    slope = fy / ff if ff else 0.0
     if real <= 0.0 or slope <= 0.0:
         raise IdentificationError("the sweep shows no resonance")
-    f0 = f_mean + softening * A_mean - imag / slope
-    gain, tau = 1.0 / real, slope / (2.0 * math.pi * real)
-    turns = [
-        (W, complex(1.0, 2.0 * math.pi * tau * (f - f0 + softening * abs(W))) / (gain * V))
-        for f, W in points
-    ]
-    residual = max(abs(W * turn - 1.0) - RESIDUAL_NOISE * noise * abs(turn) for W, turn in turns)
-    if residual > RESIDUAL_MAX:
-        raise IdentificationError(f"the sweep is {100 * residual:.0f} % off a resonance")
-    try:
-        return PlateModel(gain, tau, f0, softening=softening)
-    except ValueError as error:
-        raise IdentificationError(str(error)) from error
+    return _model(1.0 / real, slope / (2.0 * math.pi * real), f_mean - imag / slope)
+
+
+def _slope(model: PlateModel) -> float:
+    """Return the slope of y over the frequency in V/m/Hz."""
+    return 2.0 * math.pi * model.tau / model.gain
 
 
 def _require_unloaded(model: PlateModel, known: PlateModel) -> None:
@@ -364,7 +495,9 @@ def _require_data_sheet(model: PlateModel, p: CascadeParameters) -> None:
 
 
 def _require_linear(model: PlateModel, check: PlateModel, noise: float) -> None:
-    """Refuse a plate whose gain or tau depends on the amplitude, as its pick-up is not linear.
+    """Refuse a plate whose gain or tau alone depends on the amplitude: its pick-up is not linear.
+
+    Losses that grow change both by one factor.
 
     Parameters
     ----------
@@ -374,13 +507,13 @@ def _require_linear(model: PlateModel, check: PlateModel, noise: float) -> None:
         Relative standard deviation of a point of the second sweep.
     """
     most = LINEAR + RESIDUAL_NOISE * noise
-    for name, one, other in (("gain", model.gain, check.gain), ("tau", model.tau, check.tau)):
-        off = other / one - 1.0
-        if abs(off) > most:
-            raise IdentificationError(
-                f"{name} changes by {100.0 * off:+.0f} % at half the voltage, "
-                f"{100.0 * most:.0f} % are allowed: check the pick-up"
-            )
+    gain, tau = check.gain / model.gain, check.tau / model.tau
+    if abs(gain / tau - 1.0) > most:
+        name, off = ("gain", gain - 1.0) if abs(gain - 1.0) > abs(tau - 1.0) else ("tau", tau - 1.0)
+        raise IdentificationError(
+            f"{name} changes by {100.0 * off:+.0f} % at half the voltage, "
+            f"{100.0 * most:.0f} % are allowed: check the pick-up"
+        )
 
 
 def _mean(values: list[complex]) -> complex:

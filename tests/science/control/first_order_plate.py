@@ -3,6 +3,7 @@
 import cmath
 import math
 import random
+from dataclasses import replace
 
 from smarttac_can.science.control.cascade import Cascade
 from smarttac_can.science.control.parameters import CascadeParameters
@@ -55,6 +56,39 @@ class FirstOrderPlate:
             W += complex(self._random.gauss(0.0, self._noise), self._random.gauss(0.0, self._noise))
             W = complex(round(W.real * 1e10) / 1e10, round(W.imag * 1e10) / 1e10)
         return Measurement(W, forces, 20.0, 0)
+
+
+class UnlikeTheModel(FirstOrderPlate):
+    """A plate that softens, or whose losses grow, with a second mode that the pick-up sees.
+
+    Softening in Hz/m and losses in 1/m are for an amplitude to the given powers. The second mode
+    has a share of the gain, and its resonance is off by an offset in Hz.
+    """
+
+    def __init__(self, softening=0.0, losses=0.0, power=1, share=0.0, offset=0.0, **options):
+        super().__init__(**{"noise": 1e-9, **options})
+        self.softening, self.losses, self.power = softening, losses, power
+        bare = self.model
+        self.second = FirstOrderPlate(replace(bare, f0=bare.f0 + offset))
+        self.share, self.bare = share, bare
+
+    def step(self, drive):
+        # A steady state is exact, whatever the number of steps.
+        for _ in range(4):
+            size = abs(self.W) ** self.power
+            less = 1.0 / (1.0 + self.losses * size)
+            self.model = replace(
+                self.bare,
+                gain=less * self.bare.gain,
+                tau=less * self.bare.tau,
+                f0=self.bare.f0 - self.softening * size,
+            )
+            self._advance(drive, TICK / 4)
+        self.second.step(drive)
+
+    def measure(self, forces=(0.0,) * 6):
+        read = super().measure(forces)
+        return read._replace(W=read.W + self.share * self.second.W)
 
 
 class Finger:
