@@ -18,8 +18,7 @@ from smarttac_can.science.control.budget import (
     Gauges,
     budget,
     combined,
-    relative_shift,
-    relative_uncertainty,
+    stated,
 )
 from smarttac_can.vocabulary.signals import KNOWN_WINDOW_MN
 
@@ -190,11 +189,12 @@ class Calibration(NamedTuple):
         """
         if self.gauges is None:
             return {}
+        said = stated(self.gauges, temperature)
         return {
-            "Calibration.COF uncertainty": 1e2 * relative_uncertainty(self.gauges),
-            "Calibration.COF uncertainty per K": 1e6 * relative_shift(self.gauges),
-            "Calibration.Null drift": 1e6 * self.gauges.drift,
-            "Calibration.Temperature": temperature,
+            "Calibration.COF uncertainty": 1e2 * said.relative,
+            "Calibration.COF uncertainty per K": 1e6 * said.shift,
+            "Calibration.Null drift": 1e6 * said.drift,
+            "Calibration.Temperature": said.temperature,
         }
 
     def objects(self) -> dict[str, float]:

@@ -27,12 +27,10 @@ from smarttac_can.science.control.budget import (
     COVERAGE,
     budget,
     combined,
-    relative_shift,
-    relative_uncertainty,
+    stated,
 )
 from smarttac_can.science.control.tribometer import (
     UNTOUCHED,
-    Calibrated,
     contact_of,
     gauging_of,
 )
@@ -92,9 +90,7 @@ def reading(
     assert lateral is not None and positions is not None and gauges is not None
     xx, xy, yx, yy = lateral
     x3, x4, x5, x6 = (1e-3 * mm for mm in positions)
-    said = Calibrated(
-        relative_uncertainty(gauges), relative_shift(gauges), gauges.drift, CALIBRATED_AT
-    )
+    said = stated(gauges, CALIBRATED_AT)
     gauging = gauging_of(((xx, xy), (yx, yy)), (x3, x4, x5, x6), sensors.gauge_noise, 0.01, said)
     mu, angle, x = rng.uniform(0.2, 0.9), rng.uniform(0.0, tau), rng.uniform(-15e-3, 15e-3)
     stroke = Weight(mu * Fn * cos(angle), mu * Fn * sin(angle), Fn, x)

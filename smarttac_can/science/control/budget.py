@@ -51,6 +51,23 @@ class Gauges(NamedTuple):
     """Curvature of a gauge in 1/N [L, FSS1500: 0.22 N over 14.7 N]."""
 
 
+class Calibrated(NamedTuple):
+    """What a calibration says of the uncertainty of the COF."""
+
+    relative: float
+    """Relative standard uncertainty at the temperature of the calibration, besides the noise."""
+    shift: float
+    """Relative standard uncertainty in 1/K away from that temperature."""
+    drift: float
+    """Standard uncertainty of a gauge's null in N/K away from that temperature."""
+    temperature: float
+    """Temperature of the calibration in degC."""
+
+
+UNCALIBRATED: Final = Calibrated(0.0, 0.0, 0.0, 0.0)
+"""No statement of a calibration: noise is all."""
+
+
 class Component(NamedTuple):
     """Standard uncertainties of the forces from one cause."""
 
@@ -109,17 +126,17 @@ def combined(uncertainties: dict[str, float]) -> float:
     return hypot(*uncertainties.values())
 
 
-def relative_uncertainty(gauges: Gauges) -> float:
-    """Return the relative standard uncertainty of the COF that each sample has besides its noise.
+def stated(gauges: Gauges, temperature: float) -> Calibrated:
+    """Return what a calibration at a temperature in degC says of each sample.
 
-    It has repeatability, sensitivity and cross-talk, and the linearity of a load of 2 N with a COF
-    of 1, at the temperature of the calibration.
+    Its relative uncertainty has repeatability, sensitivity and cross-talk, and the linearity of a
+    load of 2 N with a COF of 1.
     """
     parts = budget(gauges, 1.0, HEAVIEST)
     names = ("repeatability", "sensitivity", "cross-talk", "linearity")
-    return hypot(*(parts[name] for name in names))
-
-
-def relative_shift(gauges: Gauges) -> float:
-    """Return the relative standard uncertainty of the COF in 1/K away from the calibration."""
-    return gauges.shift * hypot(1.0, RELATIVE_OF_FOUR)
+    return Calibrated(
+        relative=hypot(*(parts[name] for name in names)),
+        shift=gauges.shift * hypot(1.0, RELATIVE_OF_FOUR),
+        drift=gauges.drift,
+        temperature=temperature,
+    )

@@ -29,6 +29,7 @@ from collections.abc import Sequence
 from math import isfinite, sqrt
 from typing import Final, NamedTuple
 
+from smarttac_can.science.control.budget import Calibrated
 from smarttac_can.science.control.design import Gains, designed, dominant_pole, row_of
 from smarttac_can.science.control.friction import (
     asked_amplitude,
@@ -69,7 +70,6 @@ from smarttac_can.science.control.texture import (
 )
 from smarttac_can.science.control.tribometer import (
     UNTOUCHED,
-    Calibrated,
     Forces,
     Gauging,
     PositionTrack,

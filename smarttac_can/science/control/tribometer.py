@@ -6,6 +6,7 @@ from itertools import count
 from math import fsum, sqrt
 from typing import Final, NamedTuple
 
+from smarttac_can.science.control.budget import UNCALIBRATED, Calibrated
 from smarttac_can.vocabulary.signals import TARE_SAMPLES, TICK, ContactFields
 
 Matrix = tuple[tuple[float, float], tuple[float, float]]
@@ -82,23 +83,6 @@ class Gauging(NamedTuple):
 PositionTrack = tuple[bool, float, float, int]
 """Whether the finger touches, and the straight line through the positions of its touch: position in
 m, which is kept afterwards, speed in m/s, and samples as far as the gains depend on them."""
-
-
-class Calibrated(NamedTuple):
-    """What a calibration says of the uncertainty of the COF; see `science.control.budget`."""
-
-    relative: float
-    """Relative standard uncertainty of the COF at the temperature of the calibration."""
-    shift: float
-    """Relative standard uncertainty of the COF in 1/K away from that temperature."""
-    drift: float
-    """Standard uncertainty of a gauge's null in N/K away from that temperature."""
-    temperature: float
-    """Temperature of the calibration in degC."""
-
-
-UNCALIBRATED: Final = Calibrated(0.0, 0.0, 0.0, 0.0)
-"""No statement of a calibration: noise is all."""
 
 
 def gauging_of(

@@ -12,12 +12,10 @@ from smarttac_can.science.control.budget import (
     Gauges,
     budget,
     combined,
-    relative_shift,
-    relative_uncertainty,
+    stated,
 )
 from smarttac_can.science.control.tribometer import (
     UNTOUCHED,
-    Calibrated,
     contact_of,
     gauging_of,
 )
@@ -56,11 +54,12 @@ def test_opposite_errors_of_both_forces_add() -> None:
 def test_sample_uncertainty_is_that_of_the_budget() -> None:
     """Linearity is taken at 2 N, so it is left out here."""
     gauges = Gauges(sensitivity_t=0.01, sensitivity_n=0.006, crosstalk=0.002, bow=0.0)
-    calibrated = Calibrated(
-        relative_uncertainty(gauges), relative_shift(gauges), gauges.drift, 21.0
-    )
     gauging = gauging_of(
-        ((1.0, 0.0), (0.0, 1.0)), (-28e-3, 28e-3, -28e-3, 28e-3), gauges.noise, 0.1, calibrated
+        ((1.0, 0.0), (0.0, 1.0)),
+        (-28e-3, 28e-3, -28e-3, 28e-3),
+        gauges.noise,
+        0.1,
+        stated(gauges, 21.0),
     )
     for Fn in (0.2, 0.5, 1.0, 2.0):
         for temperature in (21.0, 35.0, 10.0):

@@ -9,13 +9,12 @@ from first_order_plate import GAUGE_X, gauges, setpoint
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from smarttac_can.science.control.budget import UNCALIBRATED, Calibrated
 from smarttac_can.science.control.cascade import Cascade
 from smarttac_can.science.control.friction import is_right
 from smarttac_can.science.control.parameters import CascadeParameters
 from smarttac_can.science.control.tribometer import (
-    UNCALIBRATED,
     UNTOUCHED,
-    Calibrated,
     Nulls,
     calibration,
     centre_uncertainty,
