@@ -247,12 +247,14 @@ def answers(found: Curves) -> Iterator[str]:
 
 
 @cache
-def slip(subject: int, speed: float, frequency: int) -> float:
-    """Return by how much a small swing of the friction falls off from 5 Hz on, as the skin slips.
+def skin_gain(subject: int, speed: float, frequency: int) -> float:
+    """Return by how much a small swing of the friction falls off from 5 Hz on, by the skin.
 
-    To pull more the skin stretches, and while it does its speed falls behind the bone's. Around a
-    slide at the middle of the references ``Z = skin_mass s + b + k/s`` holds the skin to the bone,
-    and the friction is F = F_W W + F_v v. So the force follows W by ``F_W Z/(Z + F_v)``.
+    Friction acts over the way L. To pull more the skin stretches, too, and while it does its speed
+    falls behind the bone's. Around a slide at the speed v and the middle of the references
+    ``Z = skin_mass s + b + k/(s c)`` holds the skin to the bone, with the creep
+    ``c = 1 + creep_ratio/(1 + creep_time s)``, and the friction is F = F_W W + F_v v. So the force
+    follows W by ``F_W/(1 + s L/v + F_v/Z)``.
     """
     finger = SUBJECTS[subject - 1]
     friction, skin = friction_map(finger, F0), skin_of(finger)
@@ -264,8 +266,9 @@ def slip(subject: int, speed: float, frequency: int) -> float:
 
     def force(hertz: float) -> complex:
         s = 2j * np.pi * hertz
-        Z = skin.mass * s + skin.b + skin.k / s
-        return complex(Z / (Z + per_v))
+        creep = 1.0 + skin.creep_ratio / (1.0 + skin.creep_time * s)
+        Z = skin.mass * s + skin.b + skin.k / (s * creep)
+        return complex(1.0 / (1.0 + s * skin.L / (1e-3 * speed) + per_v / Z))
 
     return abs(force(frequency) / force(5.0))
 
@@ -279,11 +282,11 @@ def stages(found: Curves) -> Iterator[str]:
         for at in map(FREQUENCIES.index, (100, 200, 400)):
             ones = found[condition, SWINGS[1]]
             falls = [np.divide(one[at].stages, one[first].stages) for one in ones]
-            slips = [slip(*each, FREQUENCIES[at]) for each in product(LEVELS, SPEEDS)]
-            medians = (*np.median(falls, axis=0), np.median(slips))
+            skins = [skin_gain(*each, FREQUENCIES[at]) for each in product(LEVELS, SPEEDS)]
+            medians = (*np.median(falls, axis=0), np.median(skins))
             cells = (f"{value:.2f}" for value in medians)
             rows.append((*name(condition), str(FREQUENCIES[at]), *cells))
-    head = "Law|Dead time, us|Hz|reference to W_ref|to amplitude|to COF|slip of the skin, computed"
+    head = "Law|Dead time, us|Hz|reference to W_ref|to amplitude|to COF|skin, computed"
     return columns(head, rows)
 
 

@@ -37,16 +37,8 @@ from smarttac_can.science.plant.skin import Skin, skin_of, skin_step, slide
 from smarttac_can.science.plant.subjects import FORCE_REFERENCE, Subject
 from smarttac_can.vocabulary.signals import TICK, Drive, MeasurementFields
 
-SUBSTEPS: Final = 1
-"""Sub-steps of a tick while the skin slides with the bone, by the convergence test."""
-SUBSTEPS_OF_ENVELOPE: Final = 4
-"""Sub-steps of a sliding skin if the mode softens, the film lags or the pick-up filters."""
-SUBSTEPS_OF_SWING: Final = 16
-"""Sub-steps of a tick in which the skin swings against the bone."""
-SWING_SHARE: Final = 0.1
-SWING_SPEED: Final = 5e-3
-"""In m/s. The skin swings if its speed differs from the bone's by more than this and by more than
-`SWING_SHARE` of the bone's speed."""
+SUBSTEPS: Final = 5
+"""Sub-steps of a tick, by the convergence test."""
 LEAST_RESONANCE: Final = 0.5
 """Fraction of the resonance at rest to which softening lowers it at most."""
 HARDEST: Final = 10.0
@@ -60,8 +52,8 @@ Finger = tuple[float, float]
 """Position in m and normal force in N."""
 
 
-class Steps(NamedTuple):
-    """Sub-steps of equal length."""
+class Segment(NamedTuple):
+    """A part of a tick under one drive, in sub-steps of equal length."""
 
     number: int
     length: float
@@ -72,15 +64,7 @@ class Steps(NamedTuple):
     low_share: float
     """Fraction by which the pick-up's filter nears its input in a sub-step."""
     read: bool
-    """Whether they are in the pick-up's window."""
-
-
-class Segment(NamedTuple):
-    """A part of a tick under one drive."""
-
-    coarse: Steps
-    fine: Steps
-    """Sub-steps if the skin swings."""
+    """Whether it is in the pick-up's window."""
     new: bool
     """Whether the new drive is in force."""
 
@@ -153,7 +137,7 @@ class Motion(NamedTuple):
     """Vibration that acts on the skin, in m."""
     v: float
     stretch: float
-    z: float
+    creep: float
     Ft: float
     """Friction force on the plate in N."""
     Fx: float
@@ -273,27 +257,18 @@ def _segments(parameters: PlateParameters, dead_time: float) -> tuple[Segment, S
 
 
 def _segment(parameters: PlateParameters, duration: float, *, new: bool, read: bool) -> Segment:
-    lags = parameters.contact.film_lag or parameters.sensors.pickup_lag
-    coarse = SUBSTEPS_OF_ENVELOPE if lags or parameters.resonator.softening else SUBSTEPS
-    return Segment(
-        _steps(parameters, duration, coarse, read),
-        _steps(parameters, duration, SUBSTEPS_OF_SWING, read),
-        new,
-    )
-
-
-def _steps(parameters: PlateParameters, duration: float, a_tick: int, read: bool) -> Steps:
-    """Divide a part of a tick of a duration in s, for a number of sub-steps a tick."""
-    number = math.ceil(a_tick * duration / TICK - 1e-9)
+    """Divide a part of a tick of a duration in s."""
+    number = math.ceil(SUBSTEPS * duration / TICK - 1e-9)
     length = duration / number if number else 0.0
     sensors = parameters.sensors
-    return Steps(
+    return Segment(
         number,
         length,
         propagator(length, sensors.path_frequency, sensors.path_damping),
         film_share(length, parameters.contact.film_lag),
         film_share(length, sensors.pickup_lag),
         read,
+        new,
     )
 
 
@@ -367,7 +342,7 @@ def _moved(
     loaded = (damping + load_damping * load, load_stiffness * load, resonance)
     sliding = (bare_friction(fingertip.friction, Fn, occlusion), (x1 - x0) / TICK, shape)
     for segment in segments:
-        if segment.coarse.number:
+        if segment.number:
             drive = new if segment.new else old
             motion = _advanced(coefficients, segment, motion, drive, loaded, sliding)
     if not exact:
@@ -398,23 +373,46 @@ def _advanced(
         Its friction without vibration in N, the velocity of its bone in m/s, and the shape of the
         mode where it is.
     """
-    _, frequency = drive
-    omega = TWO_PI * frequency
-    if omega != motion.omega:
-        motion = _in_frame(motion, omega)
-    _, v_bone, _ = sliding
-    swings = _swings(motion.v, v_bone)
-    while True:
-        steps = segment.fine if swings else segment.coarse
-        after = _stepped(coefficients, steps, motion, drive, loaded, sliding)
-        if swings or not _swings(after.v, v_bone):
-            return after
-        swings = True
-
-
-def _swings(v: float, v_bone: float) -> bool:
-    """Return whether the skin swings against the bone, by their velocities in m/s."""
-    return abs(v - v_bone) > max(SWING_SPEED, SWING_SHARE * abs(v_bone))
+    voltage, frequency = drive
+    if TWO_PI * frequency != motion.omega:
+        motion = _in_frame(motion, TWO_PI * frequency)
+    number, length, phi, share, _, _, _ = segment
+    W, rate, omega, acting, v, stretch, creep, Ft, Fx, Fx_rate, pickup = motion
+    bare, v_bone, shape = sliding
+    friction, constants, film_lag = coefficients.fingertip
+    mass, conversion, _, _, _, _, softening, beside, offset = coefficients.mode
+    damping, c_finger, resonance = loaded
+    exact = coefficients.exact
+    force = conversion * voltage
+    mode = _driven(mass, length, omega, force, damping, stiffness_of(mass, resonance) + c_finger)
+    neighbour = mode
+    if not exact:
+        stiffness = stiffness_of(mass, resonance + offset) + c_finger
+        neighbour = _driven(mass, length, omega, beside * force, damping, stiffness)
+    skin_plan = skin_step(constants, length, v_bone)
+    lag_steps = film_lag / length
+    size = abs(W)
+    for _ in range(number):
+        if softening:
+            # Of second order: the stiffness of a sub-step is that of its mean amplitude.
+            softer = stiffness_of(mass, _fallen(resonance, softening * size)) + c_finger
+            mode = _driven(mass, length, omega, force, damping, softer)
+            mean = 0.5 * softening * (size + abs(vibrate(mode.step, W, rate)[0]))
+            softer = stiffness_of(mass, _fallen(resonance, mean)) + c_finger
+            mode = _driven(mass, length, omega, force, damping, softer)
+        W0, rate0 = W, rate
+        W, rate = vibrate(mode.step, W, rate)
+        if not exact:
+            moved = (W0, rate0, W, rate)
+            pickup = _picked_up(coefficients, segment, pickup, omega, (mode, neighbour), moved)
+        size_before, size = size, abs(W)
+        acting_before = acting
+        acting = film(acting, shape * size_before, shape * size, lag_steps, share)
+        skin = (v, stretch, creep, Ft)
+        skin, mean_Ft = slide(skin_plan, friction, bare, (acting_before, acting), skin)
+        v, stretch, creep, Ft = skin
+        Fx, Fx_rate = follow(phi, Fx, Fx_rate, mean_Ft)
+    return Motion(W, rate, omega, acting, v, stretch, creep, Ft, Fx, Fx_rate, pickup)
 
 
 def shape_at(x: float, ripple: float, node_distance: float) -> float:
@@ -451,60 +449,11 @@ def film(before: float, start: float, end: float, lag_steps: float, share: float
 
 def _in_frame(motion: Motion, omega: float) -> Motion:
     """Return what moves, seen from the frame of a drive of another frequency in rad/s."""
-    W, rate, before, acting, v, stretch, z, Ft, Fx, Fx_rate, pickup = motion
+    W, rate, before, acting, v, stretch, creep, Ft, Fx, Fx_rate, pickup = motion
     rate = rate_in_frame(W, rate, omega - before)
     W2, rate2, low, total, seen = pickup
     pickup = PickUp(W2, rate_in_frame(W2, rate2, omega - before), low, total, seen)
-    return Motion(W, rate, omega, acting, v, stretch, z, Ft, Fx, Fx_rate, pickup)
-
-
-def _stepped(
-    coefficients: Coefficients,
-    steps: Steps,
-    motion: Motion,
-    drive: Drive,
-    loaded: tuple[float, float, float],
-    sliding: tuple[float, float, float],
-) -> Motion:
-    """Return what moves after sub-steps; the other arguments are those of `_advanced`."""
-    number, length, phi, share, _, _ = steps
-    W, rate, omega, acting, v, stretch, z, Ft, Fx, Fx_rate, pickup = motion
-    bare, v_bone, shape = sliding
-    friction, constants, film_lag = coefficients.fingertip
-    mass, conversion, _, _, _, _, softening, beside, offset = coefficients.mode
-    damping, c_finger, resonance = loaded
-    exact = coefficients.exact
-    force = conversion * drive[0]
-    mode = _driven(mass, length, omega, force, damping, stiffness_of(mass, resonance) + c_finger)
-    neighbour = mode
-    if not exact:
-        stiffness = stiffness_of(mass, resonance + offset) + c_finger
-        neighbour = _driven(mass, length, omega, beside * force, damping, stiffness)
-    skin_plan = skin_step(constants, length, v_bone)
-    lag_steps = film_lag / length
-    size = abs(W)
-    for _ in range(number):
-        if softening:
-            # Of second order: the stiffness of a sub-step is that of its mean amplitude.
-            softer = stiffness_of(mass, _fallen(resonance, softening * size)) + c_finger
-            mode = _driven(mass, length, omega, force, damping, softer)
-            mean = 0.5 * softening * (size + abs(vibrate(mode.step, W, rate)[0]))
-            softer = stiffness_of(mass, _fallen(resonance, mean)) + c_finger
-            mode = _driven(mass, length, omega, force, damping, softer)
-        W0, rate0 = W, rate
-        W, rate = vibrate(mode.step, W, rate)
-        if not exact:
-            moved = (W0, rate0, W, rate)
-            pickup = _picked_up(coefficients, steps, pickup, omega, (mode, neighbour), moved)
-        size_before, size = size, abs(W)
-        acting_before = acting
-        acting = film(acting, shape * size_before, shape * size, lag_steps, share)
-        Ft_before = Ft
-        v, stretch, z, Ft = slide(
-            skin_plan, friction, bare, (acting_before, acting), (v, stretch, z, Ft)
-        )
-        Fx, Fx_rate = follow(phi, Fx, Fx_rate, 0.5 * (Ft_before + Ft))
-    return Motion(W, rate, omega, acting, v, stretch, z, Ft, Fx, Fx_rate, pickup)
+    return Motion(W, rate, omega, acting, v, stretch, creep, Ft, Fx, Fx_rate, pickup)
 
 
 def _fallen(resonance: float, fall: float) -> float:
@@ -531,14 +480,14 @@ def _driven(
 
 def _picked_up(
     coefficients: Coefficients,
-    steps: Steps,
+    segment: Segment,
     pickup: PickUp,
     omega: float,
     modes: tuple[_DrivenMode, _DrivenMode],
     moved: tuple[complex, complex, complex, complex],
 ) -> PickUp:
     """Return what the pick-up sees after a sub-step, in which the main mode has moved."""
-    length, mass, lag = steps.length, coefficients.mode.m, coefficients.lag
+    length, mass, lag = segment.length, coefficients.mode.m, coefficients.lag
     mode, neighbour = modes
     W0, _, W, _ = moved
     W2, rate2, low0, total, seen = pickup
@@ -553,15 +502,15 @@ def _picked_up(
     if lag:
         # The filter sees a ramp of the same mean.
         late = area / length + change * (0.5 - lag / length)
-        low = late + (low0 - late + change) * (1.0 - steps.low_share)
-    if steps.read:
+        low = late + (low0 - late + change) * (1.0 - segment.low_share)
+    if segment.read:
         total += area - lag * (low - low0)
     return PickUp(W2_next, rate2_next, low, total, seen)
 
 
 def _read(motion: Motion, window: float) -> Motion:
     """Return what moves once the pick-up has read: the mean over its window, if it has one."""
-    W, rate, omega, acting, v, stretch, z, Ft, Fx, Fx_rate, pickup = motion
+    W, rate, omega, acting, v, stretch, creep, Ft, Fx, Fx_rate, pickup = motion
     W2, rate2, low, total, _ = pickup
     pickup = PickUp(W2, rate2, low, 0j, total / window if window else low)
-    return Motion(W, rate, omega, acting, v, stretch, z, Ft, Fx, Fx_rate, pickup)
+    return Motion(W, rate, omega, acting, v, stretch, creep, Ft, Fx, Fx_rate, pickup)

@@ -23,6 +23,9 @@ _BOUNDS = {
     "skin_mass": (0.0, 1e-2),
     "skin_stiffness": (10.0, 1e5),
     "skin_damping": (0.01, 100.0),
+    "creep_ratio": (0.0, 10.0),
+    "creep_time": (1e-4, 10.0),
+    "release_time": (1e-4, 10.0),
     "load_damping": (0.0, 100.0),
     "load_stiffness": (0.0, 1e8),
 }
@@ -66,6 +69,13 @@ class Subject:
     """Lateral stiffness of the skin in N/m [A]."""
     skin_damping: float
     """Lateral damping of the skin in N s/m [A]."""
+    creep_ratio: float
+    """Ratio of the stretch that follows a force slowly to that of the stiffness [A]."""
+    creep_time: float
+    """Time constant in s of that slow part [A]: a held stretch that lower friction releases is gone
+    after the 20 ms of [L, doi:10.1098/rsif.2022.0718]."""
+    release_time: float
+    """Time constant in s with which a contact loses force that friction does not hold [A]."""
     load_damping: float
     """Damping that the finger adds to the mode at 0.5 N, in N s/m [A]."""
     load_stiffness: float
@@ -92,6 +102,9 @@ def _preset(name: str, mu0: float, rho: float, W0: float, p: float, load_damping
         skin_mass=1e-4,
         skin_stiffness=1e3,
         skin_damping=1.0,
+        creep_ratio=0.5,
+        creep_time=7e-3,
+        release_time=20e-3,
         load_damping=load_damping,
         load_stiffness=1.5e5,
     )

@@ -80,13 +80,13 @@ def test_substeps_behind_a_film_are_enough(monkeypatch):
     """The reference takes 64 sub-steps; the vibration begins under a sliding finger."""
 
     def cof(substeps):
-        monkeypatch.setattr(motion, "SUBSTEPS_OF_ENVELOPE", substeps)
+        monkeypatch.setattr(motion, "SUBSTEPS", substeps)
         plate = make(SLIDE, film_lag=2e-3)
         for _ in range(200):
             plate.step(OFF, OFF)
         return friction(plate, 60)
 
-    chosen, reference, coarse = cof(motion.SUBSTEPS_OF_ENVELOPE), cof(64), cof(1)
+    chosen, reference, coarse = cof(motion.SUBSTEPS), cof(64), cof(1)
     assert np.max(np.abs(chosen - reference)) < 5e-4
     assert np.max(np.abs(coarse - reference)) > 3e-3
 
@@ -124,9 +124,8 @@ def test_substeps_are_enough(monkeypatch):
     The vibration steps by a third every 20 ms; the reference takes 64 sub-steps.
     """
 
-    def lateral(substeps, of_swing):
+    def lateral(substeps):
         monkeypatch.setattr(motion, "SUBSTEPS", substeps)
-        monkeypatch.setattr(motion, "SUBSTEPS_OF_SWING", of_swing)
         exact = SensorParameters(
             null=0.0, gauge_noise=0.0, drift=0.0, gauge_resolution=1e-7, full_scale=10**9
         )
@@ -138,27 +137,10 @@ def test_substeps_are_enough(monkeypatch):
             plate.step(drive, drive)
         return np.array(forces[420:])
 
-    steps = motion.SUBSTEPS, motion.SUBSTEPS_OF_SWING
-    reference = lateral(64, 64)
-    chosen = np.max(np.abs(lateral(*steps) - reference))
-    coarse = np.max(np.abs(lateral(1, 1) - reference))
-    assert max(steps) <= 16
+    steps = motion.SUBSTEPS
+    reference = lateral(64)
+    chosen = np.max(np.abs(lateral(steps) - reference))
+    coarse = np.max(np.abs(lateral(1) - reference))
+    assert steps <= 16
     assert chosen < 0.02 * SensorParameters().gauge_noise
     assert coarse > 10 * chosen
-
-
-def test_only_a_skin_that_swings_takes_the_short_steps(monkeypatch):
-    """The skin slides with the bone at 20 mm/s, and swings when the vibration stops."""
-
-    def lateral(of_swing):
-        monkeypatch.setattr(motion, "SUBSTEPS_OF_SWING", of_swing)
-        plate = make(Trajectory([(0.0, -0.02, 0.5), (2.0, 0.02, 0.5)]))
-        forces = []
-        for drive in [ON] * 300 + [OFF] * 10:
-            plate.step(drive, drive)
-            forces.append(plate.Ft)
-        return forces
-
-    chosen, shorter = lateral(motion.SUBSTEPS_OF_SWING), lateral(64)
-    assert chosen[100:300] == shorter[100:300]
-    assert chosen[300:] != shorter[300:]
