@@ -214,15 +214,34 @@ def drive_lost(
     """Return whether the second drive of a span was lost, judged by the measured W.
 
     W is then what the first drive makes of it. A pick-up that reads almost nothing gives the same
-    result; nothing could be learned from it, and the watchdogs detect it.
+    result; nothing could be learned from it, and the watchdogs detect it. An error within the
+    standard deviation of the prediction itself, as that of a plate with an unknown softening, says
+    nothing of the drive.
     """
     size = abs(W_next)
-    error = W_next - _predict(belief, model, dead_time, W, span, size)[0]
+    predicted, late, by_kappa, by_rate, by_w0, by_softening, variance = _predict(
+        belief, model, dead_time, W, span, size
+    )
+    error = W_next - predicted
     if abs(error) < _MISSED_FROM:
+        return False
+    explained = (
+        _square(by_kappa) * belief.kk
+        + _square(by_rate) * belief.rr
+        + _square(by_w0) * belief.ww
+        + _square(by_softening) * belief.ss
+        + _square(late)
+        + variance
+    )
+    if _square(error) < explained:
         return False
     left = W_next - _predict(belief, model, dead_time, W, with_first_only(span), size)[0]
     left /= error
     return abs(left.real) < _MISSED_SHARE and abs(left.imag) < _MISSED_TURNED
+
+
+def _square(x: complex) -> float:
+    return x.real * x.real + x.imag * x.imag
 
 
 def with_first_only(span: Span) -> Span:

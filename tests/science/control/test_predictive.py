@@ -271,11 +271,12 @@ def test_drive_is_lost_if_the_one_before_explains_the_error(dead_time):
         False,
         False,
     ]
-    # A tiny error is no lost drive.
-    for change, lost in ((0.9, False), (1.1, True)):
+    # A tiny error is no lost drive, and neither is one that an unsure model explains.
+    sure = PRIOR._replace(kk=1e-6, rr=1e-6, ww=1.0, ss=1.0)
+    for belief, change, lost in ((sure, 0.9, False), (sure, 1.1, True), (PRIOR, 1.1, False)):
         small = Span(10.0, W0, 10.0 + 50.0 * change * _MISSED_FROM / abs(came - kept), W0)
         still = moved(MODEL, dead_time, W, with_first_only(small))
-        assert drive_lost(PRIOR, MODEL, dead_time, W, small, still) == lost
+        assert drive_lost(belief, MODEL, dead_time, W, small, still) == lost
 
 
 @pytest.mark.parametrize(

@@ -8,9 +8,10 @@ import pytest
 
 from smarttac_can.science.control.cascade import Cascade
 from smarttac_can.science.control.parameters import CascadeParameters
+from smarttac_can.science.plant import motion
 from smarttac_can.science.plant.finger import FingerState, Stroke
 from smarttac_can.science.plant.friction import sliding_coefficient
-from smarttac_can.science.plant.parameters import PlateParameters
+from smarttac_can.science.plant.parameters import PlateParameters, ResonatorParameters
 from smarttac_can.science.plant.plate import Plate
 from smarttac_can.science.plant.subjects import SUBJECTS
 from smarttac_can.science.population.fingers import UNIFORM
@@ -20,6 +21,7 @@ from smarttac_can.vocabulary.signals import Drive, Setpoint
 from smarttac_can.vocabulary.states import Law, Mode, VibrationLaw
 
 BUS = 540e-6
+PLATE = PlateParameters()
 PI, SCHEDULED, PREDICTIVE = VibrationLaw
 
 
@@ -38,8 +40,11 @@ class Press:
 class Rig:
     """Plate, finger and controllers."""
 
-    def __init__(self, finger, subject=SUBJECTS[0], dead_time=0.0, model=None, seed=1, **laws):
-        self.plate = Plate(PlateParameters(), subject, finger, seed=seed, dead_time=dead_time)
+    def __init__(
+        self, finger, subject=SUBJECTS[0], dead_time=0.0, model=None, seed=1,
+        parameters=PLATE, **laws,
+    ):  # fmt: skip
+        self.plate = Plate(parameters, subject, finger, seed=seed, dead_time=dead_time)
         self.cascade = Cascade(CascadeParameters(dead_time=dead_time, **laws), model)
         self.old = Drive(0.0, 43390.0)
 
@@ -193,3 +198,14 @@ def test_predictive_friction_step_is_fast_and_accurate(number):
     assert curve[60:].std() < 0.05
     assert curve[:20].mean() == pytest.approx(0.0, abs=0.05)
     assert curve[60:].mean() == pytest.approx(1.0, abs=0.05)
+
+
+def test_unknown_softening_is_not_taken_for_a_lost_drive(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From rest to 2.5 um on a plate with 150 Hz/um, integrated with 16 sub-steps."""
+    monkeypatch.setattr(motion, "SUBSTEPS_OF_ENVELOPE", 16)
+    plate = PlateParameters(resonator=ResonatorParameters(softening=150e6))
+    rig = Rig(Press(0.0), dead_time=BUS, vibration_law=PREDICTIVE, parameters=plate)
+    rig.tare(130)
+    amplitude = [abs(plate.W) for plate in rig.run(60, Mode.AMPLITUDE_RESONANCE, 2.5e-6, 43250.0)]
+    outside = [tick for tick, W in enumerate(amplitude) if abs(W - 2.5e-6) > 0.125e-6]
+    assert 2 <= outside[-1] < 5
