@@ -202,7 +202,7 @@ def test_predictive_friction_step_is_fast_and_accurate(number):
 
 def test_unknown_softening_is_not_taken_for_a_lost_drive(monkeypatch: pytest.MonkeyPatch) -> None:
     """From rest to 2.5 um on a plate with 150 Hz/um, integrated with 16 sub-steps."""
-    monkeypatch.setattr(motion, "SUBSTEPS_OF_ENVELOPE", 16)
+    monkeypatch.setattr(motion, "SUBSTEPS", 16)
     plate = PlateParameters(resonator=ResonatorParameters(softening=150e6))
     rig = Rig(Press(0.0), dead_time=BUS, vibration_law=PREDICTIVE, parameters=plate)
     rig.tare(130)
