@@ -51,16 +51,16 @@ ENOUGH: Final = 0.1
 """Objective at which a walk ends before its last step."""
 FREE: Final[Mapping[str, tuple[float, float]]] = {
     "W0": (0.8e-6, 3e-6),
-    "load_damping": (5.0, 14.0),
+    "load_damping": (5.0, 18.0),
     "force": (0.3, 1.6),
     "speed": (20e-3, 100e-3),
 }
 """Free values with their bounds, SI."""
 START: Final = {
-    1: (1.9e-6, 13.0, 0.53, 70e-3),
-    2: (2.44e-6, 8.0, 0.476, 35.8e-3),
-    3: (1.4e-6, 7.5, 0.9, 70e-3),
-    4: (1.48e-6, 10.5, 1.49, 20.8e-3),
+    1: (1.83e-6, 13.2, 0.55, 75.2e-3),
+    2: (2.62e-6, 7.87, 0.489, 35.6e-3),
+    3: (1.5e-6, 7.83, 0.944, 74.9e-3),
+    4: (1.5e-6, 16.0, 1.2, 24.4e-3),
 }
 """Values of `FREE` from which a walk starts: where coarser ones from the presets arrived."""
 CHATTER_MAX: Final = 0.02
