@@ -11,6 +11,7 @@ from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.instrument.nodes.supervisor import Supervisor
 from smarttac_can.instrument.nodes.watches import WatchPlan, watch_plan
 from smarttac_can.science.control.cascade import Cascade
+from smarttac_can.science.control.mode_shape import ModeShape
 from smarttac_can.science.control.parameters import CascadeParameters
 from smarttac_can.science.control.step import ControlPlan, control_plan
 from smarttac_can.science.control.texture import NO_TEXTURE, Texture, texture_of
@@ -24,10 +25,11 @@ from smarttac_can.vocabulary.textures import TABLE_NAMES, TextureTable
 CALIBRATION: Final = "Calibration"
 MODEL: Final = "Model"
 LIMIT: Final = "Limit"
+MODE_SHAPE: Final = "Mode shape"
 GAUGE_ZERO: Final = "Gauge zero"
 NULL: Final = "Gauge null"
 TEXTURE: Final = "Texture"
-DESIGN: Final = ("Friction law", "Controller", LIMIT, CALIBRATION, TEXTURE)
+DESIGN: Final = ("Friction law", "Controller", LIMIT, CALIBRATION, MODE_SHAPE, TEXTURE)
 """Names of the records that hold the parameters of the cascade."""
 _FIELDS: Final = {
     "Controller.Vibration law": "vibration_law",
@@ -46,6 +48,9 @@ _FIELDS: Final = {
     "Calibration.COF uncertainty per K": "cof_uncertainty_shift",
     "Calibration.Null drift": "null_drift",
     "Calibration.Temperature": "calibration_temperature",
+    "Mode shape.Node distance": "node_distance",
+    "Mode shape.Cosine": "shape_cosine",
+    "Mode shape.Sine": "shape_sine",
     "Texture.Preview": "preview",
     "Limit.Voltage": "V_max",
     "Limit.Amplitude": "W_max",
@@ -206,6 +211,15 @@ def keep_model(od: ObjectDictionary, model: PlateModel) -> None:
     ):
         entry = od[f"Model.{name}"]
         entry.value = entry.quantise(value)
+
+
+def keep_mode_shape(od: ObjectDictionary, mode_shape: ModeShape) -> bool:
+    """Write the known mode shape to the object dictionary; return whether that changes it."""
+    entries = [od[f"{MODE_SHAPE}.{name}"] for name in ("Cosine", "Sine")]
+    before = [entry.value for entry in entries]
+    for entry, value in zip(entries, (mode_shape.c, mode_shape.s), strict=True):
+        entry.value = entry.quantise(value)
+    return [entry.value for entry in entries] != before
 
 
 class TextureSlots:

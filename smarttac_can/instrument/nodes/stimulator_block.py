@@ -22,6 +22,7 @@ from smarttac_can.instrument.nodes.parameters import (
     CALIBRATION,
     DESIGN,
     GAUGE_ZERO,
+    MODE_SHAPE,
     MODEL,
     TEXTURE,
     UNTARED,
@@ -31,6 +32,7 @@ from smarttac_can.instrument.nodes.parameters import (
     Taring,
     TextureSlots,
     build_plans,
+    keep_mode_shape,
     plate_model,
 )
 from smarttac_can.instrument.nodes.plate_block import PlateBlock
@@ -218,7 +220,7 @@ class StimulatorBlock:
         self.cascade.play(plans.control.texture)
         self._taring.begin(self.cascade)
         supervisor.plan = plans.watch
-        self._begun = False
+        self._begun = self._touched = False
         self._read_back.reset()
         self._switch_off()
         supervisor.start_run(self.cascade.tared)
@@ -322,8 +324,13 @@ class StimulatorBlock:
             self._inside.plate.switch_off()
 
     def _keep_results(self, mode: int) -> None:
-        """Store the model of an identification, and show if the cascade has left its mode."""
+        """Store what the cascade has found of the plate, and show if it has left its mode."""
         cascade = self.cascade
+        touching = cascade.contact.touching
+        if self._touched and not touching and keep_mode_shape(self.od, cascade.mode_shape):
+            self._plans = self._built(cascade.model, cascade.zero)
+            self._changed.add(MODE_SHAPE)
+        self._touched = touching
         if mode == _IDENTIFY and self._model_sheet.follow(cascade):
             self._plans = self._built(cascade.model, cascade.zero)
             self.supervisor.plan = self._plans.watch

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Final
 
 from smarttac_can.science.control.identification import Identification
+from smarttac_can.science.control.mode_shape import ModeShape
 from smarttac_can.science.control.parameters import CascadeParameters
 from smarttac_can.science.control.step import (
     FAULTS,
@@ -111,6 +112,11 @@ class Cascade:
     def state(self) -> ControlState:
         """State of the controllers after the last tick."""
         return self._state
+
+    @property
+    def mode_shape(self) -> ModeShape:
+        """Known mode shape."""
+        return self._state.sliding.known.mode_shape
 
     @property
     def drive(self) -> Drive:

@@ -81,6 +81,12 @@ def value(nodes: Nodes, W: float) -> float:
     return nodes[i] + (place - i) * (nodes[i + 1] - nodes[i])
 
 
+def slope(nodes: Nodes, W: float) -> float:
+    """Return the change per m of the value at an amplitude, 0 or more."""
+    i = min(int(W / SPACING), LAST - 1)
+    return (nodes[i + 1] - nodes[i]) / SPACING
+
+
 def amplitude_for(nodes: Nodes, h: float) -> float:
     """Return the amplitude at which a falling shape is h; extrapolated linearly at both ends."""
     i = 0

@@ -71,6 +71,13 @@ class CascadeParameters:
     calibration_temperature: float = 0.0
     """Temperature of the calibration in degC, -40..125."""
 
+    node_distance: float = 8e-3
+    """Distance of the nodes of the mode in m, 1e-3..0.1; 8 mm in the data of the plate."""
+    shape_cosine: float = 0.0
+    """Part of the vibration that acts on a finger by the cosine of its position, -0.4..0.4."""
+    shape_sine: float = 0.0
+    """Part of it by the sine of its position, -0.4..0.4."""
+
     def __post_init__(self) -> None:
         VibrationLaw(self.vibration_law)
         require("amplitude_pole", self.amplitude_pole, 0.0, POLE_MAX)
@@ -92,6 +99,9 @@ class CascadeParameters:
         for row in self.lateral:
             for element in row:
                 require("lateral", element, -10.0, 10.0)
+        require("node_distance", self.node_distance, 1e-3, 0.1)
+        require("shape_cosine", self.shape_cosine, -0.4, 0.4)
+        require("shape_sine", self.shape_sine, -0.4, 0.4)
         for x in self.gauge_positions:
             require("gauge_positions", x, -0.038, 0.038)
         require("gauge_noise", self.gauge_noise, 0.0, 1.0)

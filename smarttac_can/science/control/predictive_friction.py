@@ -3,7 +3,7 @@
 ``W_ref = h^-1(ln mu_ref - m0)``. A new reference changes the amplitude at once, by the learned map;
 m0 then removes the remaining error. The measured COF is delayed by the force path, flexure and
 filter. The expected COF passes a model of that path, so that the delay is no error, and m0 does not
-react to it.
+react to it. W is the vibration that acts on the finger, by the `mode_shape` that is learned, too.
 
 All functions are pure, with floats and named tuples.
 """
@@ -21,14 +21,27 @@ from smarttac_can.science.control.friction_map import (
     amplitude_for,
     learned,
     shape,
+    slope,
     value,
 )
+from smarttac_can.science.control.mode_shape import (
+    FLAT,
+    ModeShape,
+    Regressors,
+    follow,
+    regressors,
+    share_at,
+    unsureness,
+)
+from smarttac_can.science.control.mode_shape import learned as shape_learned
 from smarttac_can.vocabulary.signals import TICK
 
 PATH_FREQUENCY: Final = 100.0
 """Assumed natural frequency of the force path in Hz, as in the plate."""
 PATH_DAMPING: Final = 0.7
 """Assumed damping ratio of the force path."""
+PATH_LAG: Final = 2.0 * PATH_DAMPING / (2.0 * pi * PATH_FREQUENCY)
+"""Delay of forces and of the position in s behind the finger: ``2 zeta/w0`` of the force path."""
 POLE: Final = 0.07
 """Fraction of a step of the reference left for the next tick. More friction stretches the skin. If
 that is faster than the finger slides, the skin sticks, and releases with an overshoot."""
@@ -70,6 +83,8 @@ PAIR_MIN: Final = 0.05
 followed; learning from it would be learning from itself."""
 PAIR_MIN_W: Final = 0.05e-6
 """Least difference of the amplitudes of a pair in m."""
+SHAPE_SPEED: Final = 15e-3
+"""Speed in m/s from which the mode shape is learned; below it friction changes with the speed."""
 
 
 class PathStep(NamedTuple):
@@ -105,9 +120,13 @@ class FrictionSample(NamedTuple):
     """Lateral forces in N."""
     Fy: float
     W: float
-    """Amplitude in m."""
+    """Amplitude of the plate in m."""
     mu_ref: float
     """Reference of the COF, above 0."""
+    x: float
+    """Position in m, late by the force path."""
+    v: float
+    """Speed in m/s."""
 
 
 class Path(NamedTuple):
@@ -119,13 +138,14 @@ class Path(NamedTuple):
 
 
 class Known(NamedTuple):
-    """Learned knowledge of a finger."""
+    """Learned knowledge of a finger, and of the plate under it."""
 
     weights: Weights
     nodes: Nodes
     """h at the nodes, `shape` of the weights."""
     pairs: int
     """Number of pairs of plateaus from which it was learned."""
+    mode_shape: ModeShape
 
 
 class Gathered(NamedTuple):
@@ -159,12 +179,16 @@ class MapState(NamedTuple):
     known: Known
     sample: FrictionSample
     """Data of the last tick."""
+    acting: float
+    """Amplitude in m that acted on the finger in it."""
+    followed: Regressors
+    """What m0 has followed of the regressors of the mode shape."""
 
 
 NOTHING: Final = Gathered(0, 0.0, 0.0, 0.0, 0, Plateau(0.0, 0.0, 0.0))
-ANYBODY: Final = Known(PRIOR, shape(PRIOR), 0)
-"""Knowledge before learning, for any finger."""
-NO_SAMPLE: Final = FrictionSample(0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+ANYBODY: Final = Known(PRIOR, shape(PRIOR), 0, FLAT)
+"""Knowledge before learning, for any finger and plate."""
+NO_SAMPLE: Final = FrictionSample(0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
 """Sample before the first touch."""
 
 
@@ -213,16 +237,30 @@ def begin_map(sample: FrictionSample, known: Known) -> MapState:
     known
         Knowledge learned before.
     """
-    h = value(known.nodes, sample.W)
+    acting = sample.W * share_at(known.mode_shape, sample.x + PATH_LAG * sample.v)
+    h = value(known.nodes, acting)
     ln_mu = log(sample.mu if sample.mu > MU_MIN else sample.mu_ref)
     path = Path(exp(h), 0.0)
     # It is not known yet whether the finger slides.
-    return MapState(ln_mu - h, GAIN_UNKNOWN, ln_mu, SETTLED_TICKS, 0, path, NOTHING, known, sample)
+    return MapState(
+        ln_mu - h,
+        GAIN_UNKNOWN,
+        ln_mu,
+        SETTLED_TICKS,
+        0,
+        path,
+        NOTHING,
+        known,
+        sample,
+        acting,
+        (0.0, 0.0),
+    )
 
 
 def follow_map(touch: MapState, sample: FrictionSample) -> MapState:
     """Return the state one tick later; `amplitude_asked` returns its amplitude."""
     before, known, m0, ln_aim = touch.sample, touch.known, touch.m0, touch.ln_aim
+    followed = touch.followed
     ln_ref = log(sample.mu_ref)
     pole = POLE if known.pairs else POLE_UNKNOWN
     stepped = abs(ln_ref - log(before.mu_ref)) > STEP_MIN
@@ -230,7 +268,8 @@ def follow_map(touch: MapState, sample: FrictionSample) -> MapState:
     since_step = 0 if stepped else touch.since_step + 1
     since_turn = 0 if turned else touch.since_turn + 1
     gain = GAIN_FIRST if turned and touch.gain < GAIN_UNKNOWN else touch.gain
-    h_before, h = value(known.nodes, before.W), value(known.nodes, sample.W)
+    acting = sample.W * share_at(known.mode_shape, sample.x + PATH_LAG * sample.v)
+    h_before, h = value(known.nodes, touch.acting), value(known.nodes, acting)
     path = through_path(touch.path, 0.5 * (exp(h_before) + exp(h)))
     plateaus = touch.gathered
     if turned and plateaus.made:
@@ -240,32 +279,44 @@ def follow_map(touch: MapState, sample: FrictionSample) -> MapState:
         plateaus = cut_short(plateaus, turned)
     if since_turn >= FROZEN_TICKS and sample.mu >= MU_MIN and path.y >= MU_MIN:
         error = log(sample.mu) - m0 - log(path.y)
+        by = regressors(known.mode_shape, sample.x, slope(known.nodes, acting) * sample.W)
+        settled = since_step >= SETTLED_TICKS
         if gain < GAIN_UNKNOWN:
-            quiet = known.pairs and since_step < QUIET_TICKS
-            m0 += (QUIET * gain if quiet else gain) * _bounded(error)
+            share = QUIET * gain if known.pairs and since_step < QUIET_TICKS else gain
+            error = _bounded(error)
+            if settled and known.pairs and abs(sample.v) > SHAPE_SPEED:
+                known, change = _taught_shape(known, by, followed, error, sample)
+                m0 += change
+            m0 += share * error
             gain = GAIN_LAST + GAIN_KEPT * (gain - GAIN_LAST)
         else:
             # The target starts from the present COF, so that the amplitude does not jump.
+            share = GAIN_UNKNOWN
             m0 += error
             ln_aim += error
             gain = GAIN_FIRST
-        if since_step >= SETTLED_TICKS:
+        followed = follow(followed, by, share)
+        if settled:
             so_far = plateaus
-            plateaus = gathered(so_far, log(sample.mu), sample.W, ln_ref, m0)
+            plateaus = gathered(so_far, log(sample.mu), acting, ln_ref, m0)
             if plateaus.made > so_far.made > 0 and tells(so_far.last, plateaus.last):
-                known = _taught(known, so_far.last, plateaus.last, sample)
+                known = _taught(known, so_far.last, plateaus.last, by, sample)
                 # Keep the expected COF at this amplitude.
-                rise = value(known.nodes, sample.W) - value(touch.known.nodes, sample.W)
+                rise = value(known.nodes, acting) - h
                 m0 -= rise
                 path = Path(path.y * exp(rise), path.rate * exp(rise))
     if gain < GAIN_UNKNOWN:
         ln_aim = ln_ref + pole * (ln_aim - ln_ref)
-    return MapState(m0, gain, ln_aim, since_step, since_turn, path, plateaus, known, sample)
+    return MapState(
+        m0, gain, ln_aim, since_step, since_turn, path, plateaus, known, sample, acting, followed
+    )
 
 
 def amplitude_asked(touch: MapState) -> float:
     """Return the amplitude in m; below 0 for a COF that no amplitude reaches."""
-    return amplitude_for(touch.known.nodes, touch.ln_aim - touch.m0)
+    known, sample = touch.known, touch.sample
+    x = sample.x + (PATH_LAG + TICK) * sample.v
+    return amplitude_for(known.nodes, touch.ln_aim - touch.m0) / share_at(known.mode_shape, x)
 
 
 def through_path(path: Path, middle: float) -> Path:
@@ -281,13 +332,35 @@ def _bounded(error: float) -> float:
     return ERROR_MAX if error > ERROR_MAX else -ERROR_MAX if error < -ERROR_MAX else error
 
 
-def _taught(known: Known, before: Plateau, after: Plateau, sample: FrictionSample) -> Known:
-    """Return the knowledge after two plateaus of one pass."""
+def _with(known: Known, mode_shape: ModeShape) -> Known:
+    return Known(known.weights, known.nodes, known.pairs, mode_shape)
+
+
+def _taught_shape(
+    known: Known, by: Regressors, followed: Regressors, error: float, sample: FrictionSample
+) -> tuple[Known, float]:
+    """Return the knowledge after a tick of steady sliding, and the change of m0 with it."""
+    relative = sample.u_mu / sample.mu
+    mode_shape, change = shape_learned(known.mode_shape, by, followed, error, relative)
+    return _with(known, mode_shape), change
+
+
+def _taught(
+    known: Known, before: Plateau, after: Plateau, by: Regressors, sample: FrictionSample
+) -> Known:
+    """Return the knowledge after two plateaus of one pass, with an unknown mode shape at both."""
     relative = sample.u_mu / sample.mu
     variance = SPEED_VARIANCE + 2.0 * relative * relative / PLATEAU_TICKS
+    variance += 2.0 * unsureness(known.mode_shape, by)
     weights = learned(known.weights, before, after, variance)
-    return Known(weights, shape(weights), known.pairs + 1)
+    return Known(weights, shape(weights), known.pairs + 1, known.mode_shape)
 
 
-NO_MAP_STATE: Final = begin_map(NO_SAMPLE, ANYBODY)
-"""State before the first touch, of which only `ANYBODY` is used."""
+def unknown_finger(mode_shape: ModeShape) -> MapState:
+    """Return the state before the first touch, on a plate of a mode shape."""
+    return begin_map(NO_SAMPLE, _with(ANYBODY, mode_shape))
+
+
+def with_mode_shape(touch: MapState, mode_shape: ModeShape) -> MapState:
+    """Return the state with another mode shape."""
+    return touch._replace(known=_with(touch.known, mode_shape))

@@ -37,6 +37,7 @@ from smarttac_can.science.control.friction import (
     limited_step,
     relative_error,
 )
+from smarttac_can.science.control.mode_shape import ModeShape, restored, shape_of, share_at
 from smarttac_can.science.control.parameters import CascadeParameters
 from smarttac_can.science.control.predictive import (
     Learned,
@@ -49,12 +50,14 @@ from smarttac_can.science.control.predictive import (
     unlearned,
 )
 from smarttac_can.science.control.predictive_friction import (
-    NO_MAP_STATE,
+    PATH_LAG,
     FrictionSample,
     MapState,
     amplitude_asked,
     begin_map,
     follow_map,
+    unknown_finger,
+    with_mode_shape,
 )
 from smarttac_can.science.control.texture import (
     NO_TEXTURE,
@@ -169,6 +172,8 @@ class ControlPlan(NamedTuple):
     """Lowest frequency in Hz."""
     f_max: float
     """Highest frequency in Hz."""
+    mode_shape: ModeShape
+    """Mode shape before learning."""
     gauging: Gauging
     zero: Forces
     """Zeros of S1..S6 in N."""
@@ -275,6 +280,7 @@ def control_plan(
         W_max=p.W_max,
         f_min=p.f_min,
         f_max=p.f_max,
+        mode_shape=shape_of(p.node_distance, p.shape_cosine, p.shape_sine),
         gauging=gauging_of(
             p.lateral,
             p.gauge_positions,
@@ -309,7 +315,7 @@ def at_rest(plan: ControlPlan) -> ControlState:
         touch=UNTOUCHED,
         right=False,
         slides=False,
-        sliding=NO_MAP_STATE,
+        sliding=unknown_finger(plan.mode_shape),
         playing=Playing(0, False, line_from(0.0), NO_TEXTURE_STATE),
     )
 
@@ -317,7 +323,8 @@ def at_rest(plan: ControlPlan) -> ControlState:
 def adopted(before: ControlPlan, plan: ControlPlan, state: ControlState) -> ControlState:
     """Return the state under another plan, bumplessly.
 
-    Another zero ends the touch. Another friction law starts without knowledge of the finger.
+    Another zero ends the touch. Another friction law starts without knowledge of the finger, and
+    another mode shape replaces what was learned of it.
     Another design of the inner loops starts them from the drive in force. A held frequency is cut
     to the limits. Everything else is kept.
     """
@@ -325,7 +332,10 @@ def adopted(before: ControlPlan, plan: ControlPlan, state: ControlState) -> Cont
         # Contact and position are those of the old zero, so reset both.
         state = state._replace(touch=UNTOUCHED)
     if plan.law != before.law:
-        state = state._replace(slides=False, sliding=NO_MAP_STATE)
+        state = state._replace(slides=False, sliding=unknown_finger(plan.mode_shape))
+    elif plan.mode_shape != before.mode_shape:
+        known = restored(state.sliding.known.mode_shape, plan.mode_shape)
+        state = state._replace(sliding=with_mode_shape(state.sliding, known))
     if _design_of(plan) != _design_of(before):
         return redesigned(plan, state)
     held = state.loops.held
@@ -409,13 +419,12 @@ def control_step(
         if mode == _FRICTION:
             right = is_right(right, contact[5], setpoint.boundary, plan.half)
             mu_ref = setpoint.mu_right if right else setpoint.mu_left
-            sample = FrictionSample(
-                contact[3], contact[4], contact[0], contact[1], amplitude, mu_ref
-            )
+            Fx, Fy, _, mu, u_mu, position, speed, _ = contact
+            sample = FrictionSample(mu, u_mu, Fx, Fy, amplitude, mu_ref, position, speed)
             slides, sliding, E, W_ref = _for_level(plan, state, contact[7], sample, setpoint)
         elif mode == _TEXTURE:
             playing, mu_ref, E, W_ref = _for_texture(
-                plan, playing, contact, centre, amplitude, setpoint.amplitude
+                plan, state, contact, centre, amplitude, setpoint.amplitude
             )
         else:
             W_ref = setpoint.amplitude
@@ -520,14 +529,14 @@ def _for_level(
 
 def _for_texture(
     plan: ControlPlan,
-    playing: Playing,
+    state: ControlState,
     contact: ContactFields,
     centre: float,
     amplitude: float,
     W_nominal: float,
 ) -> tuple[Playing, float, float, float]:
     """Step C_mu of mode TEXTURE; return it, mu_ref, E in % and W_ref in m, before its limits."""
-    ticks, touches, line, touch = playing
+    ticks, touches, line, touch = state.playing
     Fx, Fy, Fn, mu, u_mu, position, _, touching = contact
     if not touching:
         mu_ref = cof_ahead(plan.texture, ticks, position, 0.0, plan.ahead)
@@ -537,11 +546,18 @@ def _for_texture(
     else:
         line = line_from(centre)
     mu_ref = cof_ahead(plan.texture, ticks, line.position, line.speed, plan.ahead)
-    sample = FrictionSample(mu, u_mu, Fx, Fy, amplitude, mu_ref)
-    known = touch.known
-    touch = follow_texture(touch, sample, plan.W_max) if touches else begin_texture(sample, known)
+    # C_mu has the vibration that acts on the finger, by the mode shape known from mode FRICTION.
+    mode_shape = state.sliding.known.mode_shape
+    x, speed = line.position, line.speed
+    acting = amplitude * share_at(mode_shape, x + PATH_LAG * speed)
+    share = share_at(mode_shape, x + (PATH_LAG + TICK) * speed)
+    sample = FrictionSample(mu, u_mu, Fx, Fy, acting, mu_ref, x, speed)
+    if touches:
+        touch = follow_texture(touch, sample, share * plan.W_max)
+    else:
+        touch = begin_texture(sample, touch.known)
     playing = Playing(ticks + 1, True, line, touch)
-    return playing, mu_ref, relative_error(mu, mu_ref), touch.W_ref
+    return playing, mu_ref, relative_error(mu, mu_ref), touch.W_ref / share
 
 
 def _inner_loops(

@@ -22,7 +22,7 @@ All functions are pure, with floats and named tuples.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import log, pi, sqrt
+from math import log, sqrt
 from typing import Final, NamedTuple
 
 from smarttac_can.science.control.friction import limited_step, relative_error
@@ -31,6 +31,7 @@ from smarttac_can.science.control.predictive_friction import (
     FROZEN_TICKS,
     MU_MIN,
     NO_SAMPLE,
+    PATH_LAG,
     FrictionSample,
     Path,
     through_path,
@@ -38,9 +39,8 @@ from smarttac_can.science.control.predictive_friction import (
 from smarttac_can.vocabulary.signals import TICK
 from smarttac_can.vocabulary.textures import Axis, TextureTable, cof_at
 
-POSITION_LAG: Final = 2.0 * 0.7 / (2.0 * pi * 100.0)
-"""Delay of the measured position in s: ``2 zeta/w0`` of the force path, with 100 Hz and 0.7, an
-assumption. The filter of the position adds no delay at a steady speed."""
+POSITION_LAG: Final = PATH_LAG
+"""Delay of the measured position in s. Its filter adds no delay at a steady speed."""
 SHORT: Final = 40.0
 """Memory in samples while the finger turns."""
 LONG: Final = 400.0

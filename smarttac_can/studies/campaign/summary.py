@@ -23,12 +23,37 @@ LIMIT_CYCLE: Final = 0.03
 _QUANTILES: Final = {"p5": 0.05, "p50": 0.5, "p95": 0.95}
 
 
+RISE_SPREAD: Final = "rise_spread_ms"
+"""Metric of a finger: its longest rise time of a touch minus the shortest."""
+
+
 def column(rows: Rows, name: str) -> Rows:
     """Return a figure of all fingers; if its name begins with ``touch_``, of all touches, flat."""
+    if name == RISE_SPREAD:
+        return _spread(_of_touches(rows, "rise_time_ms"))
     if name.startswith("touch_"):
-        first = len(CURVES) + TOUCH_FIGURES.index(name.removeprefix("touch_"))
-        return rows[:, first : -1 : len(TOUCH_FIGURES)].ravel()
+        return _of_touches(rows, name.removeprefix("touch_")).ravel()
     return rows[:, COLUMNS.index(name)]
+
+
+def _of_touches(rows: Rows, name: str) -> Rows:
+    """Return a figure of each touch, a row per finger."""
+    return rows[:, len(CURVES) + TOUCH_FIGURES.index(name) : -1 : len(TOUCH_FIGURES)]
+
+
+def _spread(values: Rows) -> Rows:
+    """Return the largest minus the smallest of each row, infinite with an infinite value.
+
+    It is NaN for fewer than two values.
+    """
+    known = ~np.isnan(values)
+    most = np.max(values, axis=1, where=known, initial=-np.inf)
+    least = np.min(values, axis=1, where=known, initial=np.inf)
+    spread = np.full(len(values), np.inf)
+    finite = np.isfinite(most)
+    spread[finite] = most[finite] - least[finite]
+    spread[known.sum(axis=1) <= 1] = np.nan
+    return spread
 
 
 def summary(campaign: Campaign, result: Result) -> dict[str, Any]:
@@ -39,7 +64,7 @@ def summary(campaign: Campaign, result: Result) -> dict[str, Any]:
     such a rise time is None.
     """
     rows = result.rows
-    names = (*CURVES, *(f"touch_{name}" for name in TOUCH_FIGURES))
+    names = (*CURVES, *(f"touch_{name}" for name in TOUCH_FIGURES), RISE_SPREAD)
     metrics = {name: _percentiles(column(rows, name)) for name in names}
     # Without the touches, which follow from the same curves.
     judged = np.delete(rows, np.s_[len(CURVES) : -1], axis=1)

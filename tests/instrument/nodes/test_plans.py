@@ -127,6 +127,8 @@ FOLLOWS = {
     **dict.fromkeys(["Calibration.COF uncertainty", "Calibration.COF uncertainty per K",
                      "Calibration.Null drift", "Calibration.Temperature"], "control.gauging"),
     **dict.fromkeys([f"Gauge zero.Zero of S{n}" for n in range(1, 7)], "control.zero"),
+    **dict.fromkeys([f"Mode shape.{name}" for name in ("Node distance", "Cosine", "Sine")],
+                    "control.mode_shape"),
     # Which of no tables does not matter.
     "Texture.Slot": "",
     "Texture.Preview": "control.ahead",

@@ -8,6 +8,9 @@ from inside import Loop
 from smarttac_can.bench.simulation import plate_od, stimulator_od
 from smarttac_can.instrument.nodes.plate_block import PlateBlock
 from smarttac_can.instrument.nodes.stimulator_block import StimulatorBlock
+from smarttac_can.science.control.mode_shape import shape_of
+from smarttac_can.science.control.predictive_friction import with_mode_shape
+from smarttac_can.science.plant.finger import Trajectory
 from smarttac_can.vocabulary.faults import PICKUP, FaultKind
 from smarttac_can.vocabulary.signals import Drive
 from smarttac_can.vocabulary.states import State, Status
@@ -213,6 +216,29 @@ def test_a_write_to_something_else_lets_a_texture_go_on() -> None:
     assert loop.write("Texture.Slot", 1) == 0
     loop.tick()
     assert cascade.state.playing.ticks == 1
+
+
+def test_mode_shape_is_stored_at_the_end_of_a_touch() -> None:
+    loop = Loop(Trajectory([(0.1, 0.0, 0.5), (0.15, 5e-3, 0.5)]))
+    assert loop.write("Finger.Motion", 2) == 0
+    assert loop.write("Simulation.Start run", 1) == 0
+    loop.tick(120)
+    assert loop.shown("Contact.Touching") == [1]
+    cascade = loop.block.cascade
+    sliding = cascade.state.sliding
+    learned = cascade.mode_shape._replace(c=0.05123, s=-0.02, cc=1e-4)
+    cascade._state = cascade.state._replace(sliding=with_mode_shape(sliding, learned))
+    assert loop.shown("Mode shape.Cosine", "Mode shape.Sine") == [0, 0]
+    loop.tick(100)
+    assert loop.shown("Contact.Touching", "Mode shape.Cosine", "Mode shape.Sine") == [0, 512, -200]
+    assert cascade.mode_shape == learned, "what was learned stays exact and sure"
+    assert cascade.parameters.shape_cosine == pytest.approx(0.0512)
+    assert loop.write("Mode shape.Cosine", 300) == 0
+    loop.tick()
+    assert cascade.mode_shape == pytest.approx(shape_of(8e-3, 0.03, -0.02))
+    assert loop.write("Simulation.Start run", 1) == 0
+    loop.tick()
+    assert loop.block.cascade.mode_shape == pytest.approx(shape_of(8e-3, 0.03, -0.02))
 
 
 def test_written_zero_is_a_tare_and_other_writes_are_not() -> None:

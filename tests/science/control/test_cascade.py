@@ -165,7 +165,7 @@ def test_friction_law_uses_the_published_cof():
     run(cascade, plate, setpoint(), 30, lambda W: gauges(0.2, 0.1, 0.5))
     contact = cascade.contact
     sample = (contact.mu, contact.u_mu, contact.Fx, contact.Fy, cascade.amplitude, cascade.mu_ref)
-    assert cascade.state.sliding.sample == sample
+    assert cascade.state.sliding.sample == (*sample, contact.position, contact.speed)
     run(cascade, plate, setpoint(mu_left=0.0), 1, Finger().touch)
     assert cascade.mode is Mode.OFF
     # A reference that no law follows is no fault.

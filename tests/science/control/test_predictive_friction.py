@@ -8,6 +8,7 @@ from first_order_plate import setpoint
 
 from smarttac_can.science.control.cascade import Cascade
 from smarttac_can.science.control.friction_map import PRIOR, Plateau, learned, shape, value
+from smarttac_can.science.control.mode_shape import FLAT
 from smarttac_can.science.control.parameters import CascadeParameters
 from smarttac_can.science.control.predictive_friction import (
     ANYBODY,
@@ -37,7 +38,7 @@ from smarttac_can.vocabulary.signals import Measurement
 from smarttac_can.vocabulary.states import Law, Mode
 
 STEEP = PRIOR._replace(a=1.5, b=-0.5)
-KNOWN = Known(STEEP, shape(STEEP), 1)
+KNOWN = Known(STEEP, shape(STEEP), 1, FLAT)
 """A finger from a pair of levels."""
 LOW, HIGH = 0.35, 0.45
 
@@ -45,9 +46,10 @@ LOW, HIGH = 0.35, 0.45
 class Bench:
     """A finger of a friction map of its own, felt through a force path of 100 Hz."""
 
-    def __init__(self, weights=STEEP, mu0=0.6, noise=0.0, known=ANYBODY):
+    def __init__(self, weights=STEEP, mu0=0.6, noise=0.0, known=ANYBODY, speed=0.0):
         self.nodes, self.ln_mu0 = shape(weights), math.log(mu0)
         self.W, self.push, self.noise = 1e-6, 1.0, noise
+        self.x, self.speed = 0.0, speed
         self.step = propagator(1e-3, 100.0, 0.7)
         self.y, self.rate = math.exp(value(self.nodes, self.W)), 0.0
         self.random = random.Random(5)
@@ -59,13 +61,17 @@ class Bench:
 
     def sample(self, mu_ref):
         mu = math.exp(self.ln_mu0) * self.y + self.random.gauss(0.0, self.noise)
-        return FrictionSample(mu, self.noise, self.push * mu * 0.5, 0.0, self.W, mu_ref)
+        force = self.push * mu * 0.5
+        return FrictionSample(
+            mu, self.noise, force, 0.0, self.W, mu_ref, self.x, self.push * self.speed
+        )
 
     def run(self, ticks, mu_ref):
         """Return the true COF at each tick; mu_ref may be a function of the tick."""
         found = []
         for tick in range(ticks):
             found.append(self.mu)
+            self.x += 1e-3 * self.push * self.speed
             self.touch = follow_map(
                 self.touch, self.sample(mu_ref(tick) if callable(mu_ref) else mu_ref)
             )
@@ -190,11 +196,11 @@ def test_levels_differ_because_they_were_asked_to():
 
 
 def test_two_levels_are_as_unsure_as_the_means_of_their_ticks():
-    sample = FrictionSample(0.4, 0.02, 0.2, 0.0, 1e-6, 0.4)
+    sample = FrictionSample(0.4, 0.02, 0.2, 0.0, 1e-6, 0.4, 0.0, 0.0)
     before, after = Plateau(-1.0, 1e-6, -0.9), Plateau(-0.7, 0.7e-6, -0.6)
     of_means = 2.0 * (0.02 / 0.4) ** 2 / PLATEAU_TICKS
     expected = learned(PRIOR, before, after, SPEED_VARIANCE + of_means)
-    found = _taught(ANYBODY, before, after, sample)
+    found = _taught(ANYBODY, before, after, (0.0, 0.0), sample)
     assert found.weights == pytest.approx(expected)
     assert (found.nodes, found.pairs) == (shape(found.weights), 1)
 
@@ -217,7 +223,7 @@ def test_without_a_pair_it_reaches_the_reference_all_the_same():
     ("weights", "mu0"), [(PRIOR, 0.6), (STEEP, 0.6), (PRIOR._replace(a=-1.0, b=0.5), 0.5)]
 )
 def test_a_learned_step_lands_at_once(weights, mu0):
-    bench = Bench(weights, mu0).passes(6)
+    bench = Bench(weights, mu0, speed=0.1).passes(6)
     bench.run(80, LOW)
     up = bench.run(80, HIGH)
     step = HIGH - LOW
@@ -304,7 +310,9 @@ def test_a_finger_that_stops_makes_no_level():
 
 def test_a_map_that_was_learned_flat_does_not_make_it_hunt():
     flat = PRIOR._replace(a=-2.5, b=0.3, c=-0.7)
-    bench = Bench(PRIOR._replace(a=-1.1), mu0=0.5, noise=0.005, known=Known(flat, shape(flat), 5))
+    bench = Bench(
+        PRIOR._replace(a=-1.1), mu0=0.5, noise=0.005, known=Known(flat, shape(flat), 5, FLAT)
+    )
     bench.run(300, LOW)
     found = bench.run(300, LOW)
     assert max(found) - min(found) < 0.2 * LOW
@@ -385,7 +393,7 @@ def test_amplitude_for_unreachable_friction_is_below_0():
 def test_absurd_friction_leaves_numbers(mu):
     bench = Bench().passes(1)
     for tick in range(500):
-        sample = FrictionSample(mu, 0.01, (-1.0) ** (tick // 200), 0.0, 1e-6, LOW)
+        sample = FrictionSample(mu, 0.01, (-1.0) ** (tick // 200), 0.0, 1e-6, LOW, 0.0, 0.0)
         bench.touch = follow_map(bench.touch, sample)
         assert math.isfinite(amplitude_asked(bench.touch))
 
@@ -401,7 +409,7 @@ def test_learned_map_alone_outlasts_the_touch():
         return cascade.state
 
     sliding = sample(0.5).sliding
-    known = Known(STEEP, shape(STEEP), 7)
+    known = Known(STEEP, shape(STEEP), 7, FLAT)
     cascade._state = cascade.state._replace(sliding=sliding._replace(known=known, m0=-9.0))
     assert not sample(0.0).slides
     state = sample(0.5)
@@ -412,7 +420,7 @@ def test_learned_map_alone_outlasts_the_touch():
 
 @pytest.mark.parametrize("steepness", [0.4, 2.0, 4.5])
 def test_finger_of_another_slope_does_not_ring(steepness):
-    bench = Bench(PRIOR, mu0=0.5, known=Known(PRIOR, shape(PRIOR), 1))
+    bench = Bench(PRIOR, mu0=0.5, known=Known(PRIOR, shape(PRIOR), 1, FLAT))
     bench.nodes = tuple(steepness * h for h in bench.nodes)
     bench.run(300, HIGH)
     found = bench.run(300, 0.43)

@@ -158,7 +158,7 @@ class Finger:
         self.rate = PATH.ry * away + PATH.rr * self.rate
         ln_mu = self.m0 + self.s * self.y + self._random.gauss(0.0, self.noise)
         mu = math.exp(ln_mu)
-        return FrictionSample(mu, self.noise * mu, self.way * mu, 0.0, self.W, mu_ref)
+        return FrictionSample(mu, self.noise * mu, self.way * mu, 0.0, self.W, mu_ref, 0.0, 0.0)
 
     def vibrate(self, asked):
         self.before, self.W = self.W, min(max(asked, 0.0), 3e-6)
@@ -317,7 +317,7 @@ def test_plate_that_does_not_follow_is_driven_by_the_error():
     behind_before, known = 0, last.known
     for tick in range(BEHIND_TICKS + 20):
         # A pick-up that reads 0.4 of the vibration, whose friction is as asked for.
-        sample = FrictionSample(0.4 * 1.02, 0.004, 0.4, 0.0, 0.4e-6, 0.4)
+        sample = FrictionSample(0.4 * 1.02, 0.004, 0.4, 0.0, 0.4e-6, 0.4, 0.0, 0.0)
         last = follow_texture(last, sample, W_MAX)
         if 1 <= behind_before <= BEHIND_TICKS:
             assert last.known == known

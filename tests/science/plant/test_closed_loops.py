@@ -11,7 +11,11 @@ from smarttac_can.science.control.parameters import CascadeParameters
 from smarttac_can.science.plant import motion
 from smarttac_can.science.plant.finger import FingerState, Stroke
 from smarttac_can.science.plant.friction import sliding_coefficient
-from smarttac_can.science.plant.parameters import PlateParameters, ResonatorParameters
+from smarttac_can.science.plant.parameters import (
+    ContactParameters,
+    PlateParameters,
+    ResonatorParameters,
+)
 from smarttac_can.science.plant.plate import Plate
 from smarttac_can.science.plant.subjects import SUBJECTS
 from smarttac_can.science.population.fingers import UNIFORM
@@ -169,12 +173,16 @@ def fingers():
     return found[:6]
 
 
-def up_step(number):
-    """Return the mean curve of the true COF in up-steps after the fourth, -20 to 80 ms, 0 to 1."""
+def up_step(number, ripple=0.0):
+    """Return the mean curve of the true COF in up-steps after the fourth, -20 to 80 ms, 0 to 1.
+
+    The second result is the mode shape that was learned.
+    """
     subject, low = fingers()[number]
     stroke = Stroke(FORCE, SPEED, TRAVEL, seed=number, rest=0.07)
     laws = {"law": Law.PREDICTIVE, "vibration_law": PREDICTIVE}
-    rig = Rig(stroke, subject, BUS, seed=number, **laws)
+    parameters = replace(PLATE, contact=ContactParameters(ripple=ripple))
+    rig = Rig(stroke, subject, BUS, seed=number, parameters=parameters, **laws)
     rig.tare(66)
     mu, mu_ref = [], []
     ticks = round((0.2 + PASSES * 1.2 * TRAVEL / SPEED) * 1e3)
@@ -184,13 +192,17 @@ def up_step(number):
     # The reference is that of the tick before.
     rises = [k - 1 for k in range(1, len(mu) - 80) if mu_ref[k] > mu_ref[k - 1] > 0.0][2:]
     assert len(rises) >= 3
-    return (np.mean([mu[k - 20 : k + 80] for k in rises], axis=0) - low) / STEP
+    curve = (np.mean([mu[k - 20 : k + 80] for k in rises], axis=0) - low) / STEP
+    return curve, rig.cascade.mode_shape
 
 
-@pytest.mark.parametrize("number", range(6))
-def test_predictive_friction_step_is_fast_and_accurate(number):
+@pytest.mark.parametrize(
+    ("number", "ripple"), [*((number, 0.0) for number in range(6)), (0, 0.1), (3, 0.1)]
+)
+def test_predictive_friction_step_is_fast_and_accurate(number, ripple):
     """Through the dead time of a bus."""
-    curve = up_step(number)
+    curve, mode_shape = up_step(number, ripple)
+    assert (mode_shape.c, mode_shape.s) == pytest.approx((ripple, 0.0), abs=0.02)
     assert curve[20] < 0.15  # The reference steps here.
     assert curve[23] > 0.8
     assert curve[26] > 0.85  # The rest is the skin.

@@ -11,6 +11,7 @@ from smarttac_can.studies.campaign.summary import (
     FINGERS,
     LIMIT_CYCLE,
     RESULTS,
+    column,
     lines,
     summary,
     write_folder,
@@ -38,7 +39,7 @@ def test_percentiles_are_those_of_fingers():
         (f"measured_{name}" for name in METRICS),
         (f"touch_{n}" for n in METRICS[:2]),
     )
-    assert list(results["metrics"]) == [*METRICS, *measured, *touches]
+    assert list(results["metrics"]) == [*METRICS, *measured, *touches, "rise_spread_ms"]
     assert results["metrics"]["rise_time_ms"] == {"p5": 5.0, "p50": 50.0, "p95": 95.0}
     assert results["fingers"] == 100
     assert results["finger_seconds_per_second"] == 1250.0
@@ -88,6 +89,21 @@ def test_single_touches_are_of_all_fingers_and_outside_the_hash():
     assert results["metrics"]["touch_rise_time_ms"] == dict.fromkeys(("p5", "p50", "p95"))
     assert results["metrics"]["overshoot_percent"] == before["metrics"]["overshoot_percent"]
     assert results["rows_sha256"] == before["rows_sha256"]
+
+
+def test_rise_spread_is_over_the_touches_of_a_finger():
+    rows = hundred()
+    rises = [COLUMNS.index(f"touch_{n}_rise_time_ms") for n in range(1, TOUCHES + 1)]
+    rows[:, rises] = [2.0, 3.0, 2.5, 2.0, np.nan, 2.0]
+    assert summary(CAMPAIGN, result(rows))["metrics"]["rise_spread_ms"]["p95"] == 1.0
+    rows[:10, rises[4]] = np.inf
+    rows[10:20, rises] = np.nan
+    spread = column(rows, "rise_spread_ms")
+    assert np.isposinf(spread[:10]).all()
+    assert np.isnan(spread[10:20]).all()
+    assert set(spread[20:]) == {1.0}
+    metric = summary(CAMPAIGN, result(rows))["metrics"]["rise_spread_ms"]
+    assert metric == {"p5": 1.0, "p50": 1.0, "p95": None}
 
 
 def test_several_laws_are_one_table_one_file_and_one_picture(tmp_path):

@@ -94,7 +94,8 @@ def test_a_finger_through_two_nodes_is_that_of_the_campaign(
     mine = traces_of(campaign, finger)
     theirs = through_nodes(campaign, finger, mine, monkeypatch)
     here, there = (outcome(run, finger.mu_left, finger.mu_right) for run in (mine, theirs))
-    for one, other in zip(here[:2], there[:2], strict=True):
-        assert one.rise_time_ms == pytest.approx(other.rise_time_ms, abs=0.2)
+    # The noise of the gauges moves the measured curve's passages of 10 and 90 %.
+    for one, other, within_ms in zip(here[:2], there[:2], (0.1, 0.4), strict=True):
+        assert one.rise_time_ms == pytest.approx(other.rise_time_ms, abs=within_ms)
         assert one.overshoot_percent == pytest.approx(other.overshoot_percent, abs=1.0)
         assert one.chatter == pytest.approx(other.chatter, abs=1e-3)
