@@ -30,7 +30,13 @@ from math import isfinite, sqrt
 from typing import Final, NamedTuple
 
 from smarttac_can.science.control.budget import Calibrated
-from smarttac_can.science.control.design import Gains, designed, dominant_pole, row_of
+from smarttac_can.science.control.design import (
+    Gains,
+    Inverse,
+    amplitude_inverse,
+    designed,
+    row_of,
+)
 from smarttac_can.science.control.friction import (
     asked_amplitude,
     is_right,
@@ -40,6 +46,7 @@ from smarttac_can.science.control.friction import (
 from smarttac_can.science.control.mode_shape import ModeShape, restored, shape_of, share_at
 from smarttac_can.science.control.parameters import CascadeParameters
 from smarttac_can.science.control.predictive import (
+    LEAST_POLE,
     Learned,
     PlantPrior,
     asked_voltage,
@@ -93,7 +100,6 @@ from smarttac_can.science.control.vibration import (
 )
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.signals import (
-    TICK,
     Contact,
     ContactFields,
     Drive,
@@ -122,6 +128,10 @@ _COF_MIN: Final = 1e-6
 FREQUENCY_STEP: Final = 5.0
 """Largest change of the frequency in Hz per tick of mode AMPLITUDE, 3 % of half the width of the
 resonance. A hop would reach the resonance with the higher voltage needed beside it."""
+
+SAVED: Final = 0.33e-3
+"""Time in s by which the inverse of the amplitude loop, and the lead for the stretch of the skin,
+make mode TEXTURE earlier than the loop alone, whose delay is the default preview."""
 
 FAULTS: Final = (
     "",
@@ -155,6 +165,8 @@ class ControlPlan(NamedTuple):
     """Half of the boundary's hysteresis in m."""
     ahead: float
     """Time in s by which the reference of a texture is ahead."""
+    inverse: Inverse
+    """Inverse of the amplitude loop, for mode TEXTURE."""
     vibration_law: int
     """Number of `VibrationLaw`."""
     bare: Gains
@@ -265,12 +277,14 @@ def control_plan(
     """
     p = parameters
     bare, rows = designed(model, p.amplitude_pole, p.resonance_pole, p.dead_time)
+    inverse = _inverse(p, model)
     return ControlPlan(
         law=int(p.law),
         slope=p.slope,
         step_max=p.step_max,
         half=0.5 * p.hysteresis,
-        ahead=p.dead_time + p.preview + _slower(p, model),
+        ahead=p.preview + inverse.late - SAVED,
+        inverse=inverse,
         vibration_law=int(p.vibration_law),
         bare=bare,
         rows=rows,
@@ -295,12 +309,13 @@ def control_plan(
     )
 
 
-def _slower(p: CascadeParameters, model: PlateModel) -> float:
-    """Return by how much in s a dead time slows the dominant pole of the amplitude loop."""
+def _inverse(p: CascadeParameters, model: PlateModel) -> Inverse:
+    """Return the inverse of the amplitude loop of the vibration law."""
+    inverse = amplitude_inverse(model, p.amplitude_pole, p.dead_time)
     if p.vibration_law is VibrationLaw.PREDICTIVE:
-        return 0.0
-    pole = dominant_pole(model.tau, p.amplitude_pole, p.dead_time)
-    return TICK * (pole / (1.0 - pole) - p.amplitude_pole / (1.0 - p.amplitude_pole))
+        whole = 1.0 - LEAST_POLE
+        return Inverse(1.0 / whole, -LEAST_POLE / whole, 0.0, inverse.late)
+    return inverse
 
 
 def at_rest(plan: ControlPlan) -> ControlState:
@@ -553,7 +568,7 @@ def _for_texture(
     share = share_at(mode_shape, x + (PATH_LAG + TICK) * speed)
     sample = FrictionSample(mu, u_mu, Fx, Fy, acting, mu_ref, x, speed)
     if touches:
-        touch = follow_texture(touch, sample, share * plan.W_max)
+        touch = follow_texture(touch, sample, speed, share * plan.W_max, plan.inverse)
     else:
         touch = begin_texture(sample, touch.known)
     playing = Playing(ticks + 1, True, line, touch)

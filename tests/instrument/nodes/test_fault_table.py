@@ -128,7 +128,7 @@ TO_SHOW = {
 """Cycles until a watchdog can see its cause; its bound in `WATCHDOGS` counts from then on."""
 SWUNG = {
     ("pick-up d at 0.05, tracked", Mode.TEXTURE): 18,
-    ("pick-up d at 0.2, tracked", Mode.TEXTURE): 16,
+    ("pick-up d at 0.2, tracked", Mode.TEXTURE): 21,
     ("power stage stuck", Mode.TEXTURE): 2,
 }
 """The same in mode TEXTURE, where the vibration passes amplitudes at which no phase is judged, and

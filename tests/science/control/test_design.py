@@ -1,3 +1,4 @@
+import cmath
 import math
 
 import numpy as np
@@ -8,6 +9,7 @@ from hypothesis import strategies as st
 
 from smarttac_can.science.control.design import (
     FORCE_STEP,
+    amplitude_inverse,
     amplitude_pi,
     designed,
     dominant_pole,
@@ -124,3 +126,22 @@ def test_pole_out_of_range(pole):
 def test_dead_time_out_of_range(dead_time):
     with pytest.raises(ValueError, match=r"^dead_time .* is outside 0\.\.0\.001, the end excl"):
         resonance_pi(PlateModel(), 0.3, dead_time)
+
+
+@pytest.mark.parametrize("dead_time", [0.0, 250e-6, 540e-6, 900e-6])
+def test_inverse_leaves_a_mean_of_two_ticks_of_the_loop(dead_time):
+    model = PlateModel()
+    inverse = amplitude_inverse(model, 0.2, dead_time)
+    tau = 1.0 / model.decay_rate(contact_load(1.0))
+    loaded = PlateModel(gain=model.gain * tau / model.tau, tau=tau)
+    a, b0, b1 = impulse_response(loaded, dead_time)
+    b0, b1 = b0 / loaded.gain, b1 / loaded.gain
+    Kp = amplitude_pi(loaded, 0.2, dead_time).Kp * loaded.gain
+    z = cmath.exp(2j * math.pi * 100.0 * TICK)
+    open_loop = Kp * (z - a) / (z - 1.0) * (b0 * z + b1) / (z * (z - a))
+    closed = open_loop / (1.0 + open_loop)
+    undone = closed * (inverse.new + inverse.last / z + inverse.older / z**2)
+    assert undone == pytest.approx((b0 + b1 / z) / (b0 + b1) / z, abs=1e-6)
+    assert inverse.late == pytest.approx(TICK * b1 / (b0 + b1))
+    if dead_time == 540e-6:
+        assert (abs(closed), abs(undone)) == pytest.approx((0.747, 0.963), abs=2e-3)
