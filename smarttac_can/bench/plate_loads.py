@@ -25,6 +25,8 @@ _RANGES: Final = {
     "x_mm": (-38.0, 38.0),
 }
 _SPEED: Final = 50.0
+_FORCE: Final = 1.0
+"""Assumed of a finger that nobody has put on the plate, in mm/s and N."""
 _MOST_ROWS: Final = 100
 
 
@@ -59,6 +61,7 @@ class SimulatedFinger:
         self._read = read
         self._write = write
         self.speed = _SPEED
+        self.force = _FORCE
         self.subject = self._next_subject = 0
 
     def __repr__(self) -> str:
@@ -158,7 +161,7 @@ class SimulatedFinger:
         self._write(
             {
                 "Simulation.Subject": given_integer("subject", subject),
-                "Finger.Force": given("force", force, "N"),
+                "Finger.Force": (pressed := given("force", force, "N")),
                 "Finger.Speed": (now := given("speed", speed, "mm/s")),
                 "Finger.Range": given("travel", travel, "mm"),
                 "Finger.Force variation": given("force_variation", force_variation, ""),
@@ -167,6 +170,7 @@ class SimulatedFinger:
             }
         )
         self.speed = now.quantity.in_unit("mm/s")
+        self.force = pressed.quantity.in_unit("N")
         self._next_subject = int(subject)
 
     def put(self, placing: Placing, gravity: float = STANDARD_GRAVITY) -> None:

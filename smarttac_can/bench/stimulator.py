@@ -46,7 +46,7 @@ from smarttac_can.bench.plate_loads import SimulatedFinger
 from smarttac_can.bench.recording import Recording
 from smarttac_can.bench.recording_file import METADATA
 from smarttac_can.bench.simulation import STIMULATOR_ID, LinkName, open_simulated_link
-from smarttac_can.bench.textures import FOLLOWED_HZ, Texture
+from smarttac_can.bench.textures import FINEST_MM_N, FOLLOWED_HZ, Texture
 from smarttac_can.bench.traces import Trace, require_labels
 from smarttac_can.canopen.bus.bus import LogHook
 from smarttac_can.canopen.master.errors import BenchError, RefusedError
@@ -201,8 +201,9 @@ class Stimulator(NamedObjects):
 
         Setting raises `ValueError` if a COF is beyond the bounds of the stimulator, and
         `RefusedError` if the stimulator refuses the texture; the slot is then unchanged. A warning
-        is given if the texture is too fast to be followed: above `FOLLOWED_HZ` at the speed last
-        passed to `finger.stroke`, or at 50 mm/s.
+        is given if the texture is too fast or too fine to be followed: above `FOLLOWED_HZ`, or with
+        a period below `FINEST_MM_N` over the force, at speed and force last passed to
+        `finger.stroke`, or at 50 mm/s and 1 N.
         """
         with self._link.turn:
             data = self._link.read(self._table())
@@ -231,6 +232,13 @@ class Stimulator(NamedObjects):
             warnings.warn(
                 f"half of the texture is above {fast:.0f} Hz{at}, and the COF follows up to "
                 f"{FOLLOWED_HZ:g} Hz: make it coarser, or stroke more slowly",
+                stacklevel=3,
+            )
+        elif not texture.is_over_time and fast * FINEST_MM_N > speed * self.finger.force:
+            warnings.warn(
+                f"half of the texture has periods below {speed / fast:.2g} mm, and under "
+                f"{self.finger.force:g} N the position is good for "
+                f"{FINEST_MM_N / self.finger.force:.2g} mm: make it coarser, or press more",
                 stacklevel=3,
             )
 

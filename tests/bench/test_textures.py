@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from smarttac_can.bench import BenchError, Mode, RefusedError, Stimulator, Texture, track
-from smarttac_can.bench.textures import FOLLOWED_HZ
+from smarttac_can.bench.textures import FINEST_MM_N, FOLLOWED_HZ
 from smarttac_can.vocabulary.textures import Axis, TextureTable
 
 SINE = Texture.grating(2.0, 0.3, 0.4, shape="sine")
@@ -88,7 +88,7 @@ def test_a_texture_that_is_too_fast_to_be_followed_is_warned_of(bench: Stimulato
     with pytest.warns(UserWarning, match=r"^half of the texture is above 125 Hz at 50 mm/s, and"):
         bench.texture = fine
     assert bench.texture == fine
-    bench.finger.stroke(2, speed="0.04 m/s")
+    bench.finger.stroke(2, speed="0.04 m/s", force=1.3)
     bench.texture = fine
     bench.finger.stroke(2, speed=300.0)
     with pytest.warns(UserWarning, match=r"above 150 Hz at 300 mm/s, .* up to 100 Hz: make it c"):
@@ -97,20 +97,41 @@ def test_a_texture_that_is_too_fast_to_be_followed_is_warned_of(bench: Stimulato
         bench.texture = Texture.profile([(0, 0.3), (0.0025, 0.4), (0.005, 0.3)], repeats=True)
 
 
-def test_warning_bound_is_below_each_documented_bandwidth() -> None:
-    page = Path(__file__).parents[2] / "docs" / "reference" / "bandwidth.md"
+def test_a_texture_finer_than_the_position_is_warned_of(bench: Stimulator) -> None:
+    fine = Texture.grating(0.8, 0.3, 0.4, shape="sine")
+    bench.texture = fine
+    bench.finger.stroke(2, force=0.5, speed=40.0)
+    with pytest.warns(
+        UserWarning,
+        match=r"^half of the texture has periods below 0\.8 mm, and under 0\.5 N the position is "
+        r"good for 1 mm: make it coarser, or press more$",
+    ):
+        bench.texture = fine
+    bench.finger.stroke(2, force=0.7, speed=40.0)
+    bench.texture = fine
+
+
+def test_warning_bounds_are_inside_what_the_page_of_bandwidth_shows() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "bandwidth.md").read_text("utf-8")
     rows = [
         line.split("|")[3:-1]
-        for line in page.read_text("utf-8").splitlines()
-        if line.startswith("| texture") and "(" in line and line.count("|") == 6
+        for line in page.splitlines()
+        if line.startswith("| texture") and " to " in line and line.count("|") == 6
     ]
     medians = [float(cell.strip(" >").split(" (")[0]) for row in rows for cell in row]
     assert len(medians) == 12
-    with_seed_2 = re.search(r"With seed 2 .* reaches ([\d, and]+) Hz", page.read_text("utf-8"))
-    assert with_seed_2
-    medians += map(float, re.findall(r"\d+", with_seed_2[1]))
-    assert FOLLOWED_HZ == 100.0
-    assert min(medians) > 100.0
+    assert min(medians) > FOLLOWED_HZ == 100.0
+    cells = re.findall(r"([\d.]+) Hz: [\d.]+, ([\d.-]+) \(", page)
+    assert len(cells) == 48
+    periods = 12 * [4.0, 2.0, 1.0, 0.5]
+    forces = 2 * (12 * [1.0] + 12 * [0.5])
+    inside = [
+        float(gain)
+        for (hertz, gain), period, force in zip(cells, periods, forces, strict=True)
+        if float(hertz) <= FOLLOWED_HZ and period * force >= FINEST_MM_N
+    ]
+    assert len(inside) > 20
+    assert min(inside) > 0.7
 
 
 @pytest.mark.parametrize("shape", ["square", "sine"])
