@@ -1,11 +1,13 @@
 """Measure how fast the COF follows its reference, and write docs/reference/bandwidth.md; minutes.
 
-Two processes share the work. Example: tools/pages/make bandwidth --check --seed 2
+The loop is compiled if numba is installed, and takes hours otherwise.
+
+Example: tools/pages/make bandwidth --check --seed 2
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from itertools import product
 from typing import Any, Final, NamedTuple
@@ -13,31 +15,41 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import textures
 from pages import EXPLANATION, REFERENCE, Pages, columns, made, renewed
-from texture_playing import LEVELS, play
+from texture_playing import LEVELS
 
-from smarttac_can.assurance.trials.workers import sharing
 from smarttac_can.bench.drawing import GREEN, INK, RED, canvas, save
 from smarttac_can.bench.textures import Texture, track
-from smarttac_can.science.control.cascade import Cascade
 from smarttac_can.science.control.parameters import CascadeParameters
+from smarttac_can.science.control.step import (
+    ControlPlan,
+    adopted,
+    at_rest,
+    control_plan,
+    control_step,
+)
 from smarttac_can.science.control.texture import texture_of
-from smarttac_can.science.control.tribometer import calibration
-from smarttac_can.science.plant.finger import Stroke, ramp_of
+from smarttac_can.science.control.tribometer import Forces, calibration
+from smarttac_can.science.plant.finger import Path, Stroke, ramp_of
 from smarttac_can.science.plant.friction import bare_friction, friction_map, sliding_friction
+from smarttac_can.science.plant.motion import PlatePlan, coefficients, measured, plate_step
+from smarttac_can.science.plant.motion import at_rest as plate_at_rest
 from smarttac_can.science.plant.parameters import PlateParameters
-from smarttac_can.science.plant.plate import Plate
+from smarttac_can.science.plant.sensors import NOISE_BLOCK, noise_block, sensing
 from smarttac_can.science.plant.skin import skin_of
 from smarttac_can.science.plant.subjects import SUBJECTS
+from smarttac_can.science.population.compiled import can_compile, compiled
 from smarttac_can.science.population.fingers import CASES, draw_finger
-from smarttac_can.science.population.trial import Campaign, outcome_of
-from smarttac_can.vocabulary.signals import TICK, Drive, Setpoint
+from smarttac_can.science.population.steps import Floats
+from smarttac_can.science.population.trial import Campaign, Loop, finger_at, outcome_of
+from smarttac_can.vocabulary.model import PlateModel
+from smarttac_can.vocabulary.signals import TICK, Setpoint
 from smarttac_can.vocabulary.states import Law, Mode, VibrationLaw
 from smarttac_can.vocabulary.textures import COF_COUNT, Axis, TextureTable
 
 WEBER: Final = 0.11
 """Just noticeable change of friction over friction; Gueorguiev et al., J. R. Soc. Interface 14
 (2017) 20170641."""
-FREQUENCIES: Final = (1, 2, 5, 10, 20, 30, 50, 70, 100, 150, 200, 250, 300, 400)
+FREQUENCIES: Final = (5, 10, 20, 50, 70, 100, 150, 200, 300, 400)
 SHOWN: Final = (10, 50, 100, 200, 400)
 SPEEDS: Final = (30.0, 60.0, 120.0)
 SWINGS: Final = (0.02, 0.05, 0.1)
@@ -45,8 +57,10 @@ FORCE: Final = 1.0
 F0: Final = 43_390.0
 VALUES: Final = 100
 """Of the table of a period."""
-BEGIN, TARE, LEARNT, TICKS = 150, 100, 1000, 3000
-"""Ticks at which the mode begins, the tare is taken, the fit begins, and a run ends."""
+TARE, LEARNT, TICKS = 1024, 1500, 3500
+"""Ticks at which the tare is taken and the mode begins, the fit begins, and a run ends."""
+SEEDS: Final = 3
+"""Runs of stroke and noise for each subject and speed."""
 SETTLED: Final = 0.04
 """Time in s after the turn of a pass from which it counts."""
 HALF_POWER: Final = 0.5**0.5
@@ -92,10 +106,131 @@ class Answer(NamedTuple):
     """Gains of reference to W_ref, to the amplitude, to the COF; in m and 1/m."""
 
 
+def loop(
+    plans: tuple[PlatePlan, ControlPlan],
+    stroke: tuple[Path, Floats],
+    state: Loop,
+    asked: tuple[int, Floats],
+    noise: Floats,
+    traces: Floats,
+) -> tuple[Loop, Forces]:
+    """Run plate and controllers in one mode, while the reference moves.
+
+    Parameters
+    ----------
+    plans
+        Of plate and controllers.
+    stroke
+        Path, and a row for each pass.
+    state
+        State in which the run begins.
+    asked
+        Mode, and COF reference of each tick in mode FRICTION.
+    noise
+        A row of 9 values for each tick, and for the one after the last.
+    traces
+        Array to fill, a row per tick: true COF, W_ref, ``|W|`` and position, in m.
+
+    Returns
+    -------
+    state, sums
+        State at the end, and the sums of the samples of S1..S6 in N.
+    """
+    plate_plan, plan = plans
+    path, passes = stroke
+    mode, mu = asked
+    first, plate, measurement, controls = state
+    s1 = s2 = s3 = s4 = s5 = s6 = 0.0
+    number = 0
+    finger = finger_at(path, passes, number, first * TICK, False)
+    last = len(noise) - 1
+    for tick in range(first, last):
+        before = controls.drive
+        setpoint = Setpoint(0.0, F0, 1e-6, mu[tick], mu[tick], 0.0)
+        controls, _ = control_step(plan, controls, mode, measurement, setpoint)
+        traces[tick, 0] = abs(plate.motion.Ft) / finger[1] if finger[1] > 0.0 else 0.0
+        traces[tick, 1] = controls.W_ref
+        traces[tick, 2] = abs(plate.motion.W)
+        traces[tick, 3] = finger[0]
+        g1, g2, g3, g4, g5, g6 = measurement[1]
+        s1, s2, s3, s4, s5, s6 = s1 + g1, s2 + g2, s3 + g3, s4 + g4, s5 + g5, s6 + g6
+        time = (tick + 1) * TICK
+        while number + 1 < len(passes) and time >= passes[number + 1][0]:
+            number += 1
+        finger_next = finger_at(path, passes, number, time, False)
+        drives = (before, controls.drive)
+        plate, measurement = plate_step(
+            plate_plan, plate, drives, (finger, finger_next), noise[tick + 1]
+        )
+        finger = finger_next
+    return Loop(last, plate, measurement, controls), (s1, s2, s3, s4, s5, s6)
+
+
+@cache
+def fastest() -> Callable[..., Any]:
+    """Return the loop, compiled if possible."""
+    return compiled(loop) if can_compile() else loop
+
+
+def run(
+    condition: Condition, subject: int, stroke: Stroke, table: TextureTable, mu: Floats, seed: int
+) -> Floats:
+    """Return the traces of `loop`, from the first tick on.
+
+    Parameters
+    ----------
+    condition
+        The laws.
+    subject
+        Number of the finger.
+    stroke
+        Its motion.
+    table
+        Texture of mode TEXTURE.
+    mu
+        COF reference of each tick of mode FRICTION.
+    seed
+        Of the noise.
+    """
+    parameters = PlateParameters()
+    dead_time = condition.dead_time
+    made = coefficients(
+        parameters, SUBJECTS[subject - 1], ambient=20.0, dead_time=dead_time, sound_f0=F0
+    )
+    plate_plan = PlatePlan(made, sensing(parameters.sensors))
+    values: Any = np.array(table.values, dtype=np.float64)
+    plan = control_plan(
+        CascadeParameters(
+            law=condition.law,
+            vibration_law=condition.vibration_law,
+            dead_time=dead_time,
+            lateral=calibration(parameters.sensors.crosstalk),
+        ),
+        PlateModel(),
+        texture=texture_of(table)._replace(values=values),
+    )
+    rows: Any = np.array(plan.rows)
+    plan = plan._replace(rows=rows)
+    ticks = len(mu)
+    blocks = range(ticks // NOISE_BLOCK + 1)
+    noise = np.concatenate([noise_block(parameters.sensors, seed, n) for n in blocks])[: ticks + 1]
+    rest = plate_at_rest(20.0)
+    state = Loop(0, rest, measured(plate_plan, rest, noise[0].tolist()), at_rest(plan))
+    traces = np.empty((ticks, 4))
+    passes = stroke.path, np.array(stroke.passes(2 + int(ticks * TICK / 0.2)))
+    step, plans = fastest(), (plate_plan, plan)
+    off, on = (int(Mode.OFF), mu), (int(condition.mode), mu)
+    state, sums = step(plans, passes, state, off, noise[: TARE + 1], traces)
+    tared = plan._replace(zero=tuple([total / TARE for total in sums]))
+    state = state._replace(controls=adopted(plan, tared, state.controls))
+    step((plate_plan, tared), passes, state, on, noise, traces)
+    return traces
+
+
 def answer(
     condition: Condition, subject: int, speed: float, swing: float, frequency: int, seed: int
 ) -> Answer:
-    """Stroke for 3 s while the reference is a sine, and fit one to the steady slide.
+    """Stroke for 2.3 s while the reference is a sine, and fit one to the steady slide.
 
     Parameters
     ----------
@@ -117,47 +252,35 @@ def answer(
     middle = float(np.mean(LEVELS[subject]))
     period = middle + 0.5 * swing * np.sin(2.0 * np.pi * np.arange(VALUES) / VALUES)
     values = tuple(np.round(period / COF_COUNT).astype(int).tolist())
-    stroke = Stroke(FORCE, speed * 1e-3, 0.05, force_variation=0.0, speed_variation=0.0, seed=seed)
-    parameters = PlateParameters()
-    plate = Plate(
-        parameters, SUBJECTS[subject - 1], stroke, seed=seed, dead_time=condition.dead_time
+    stroke = stroking(FORCE, speed, 0.05, seed)
+    mu = middle + 0.5 * swing * np.sin(omega * (np.arange(TICKS) - TARE) * TICK)
+    traces = run(
+        condition, subject, stroke, TextureTable(Axis.TIME, True, 0, step, values), mu, seed
     )
-    cascade = Cascade(
-        CascadeParameters(
-            law=condition.law,
-            vibration_law=condition.vibration_law,
-            dead_time=condition.dead_time,
-            lateral=calibration(parameters.sensors.crosstalk),
-        )
-    )
-    cascade.play(texture_of(TextureTable(Axis.TIME, True, 0, step, values)))
-    old, rows = Drive(0.0, F0), []
-    for tick in range(TICKS):
-        if tick == TARE:
-            cascade.zero = cascade.null()
-        if tick == BEGIN:
-            cascade.set_mode(condition.mode)
-        mu = middle + 0.5 * swing * float(np.sin(omega * (tick - BEGIN) * TICK))
-        drive = cascade.update(plate.sample(), Setpoint(0.0, F0, 1e-6, mu, mu, 0.0))
-        rows.append((plate.mu_true, cascade.W_ref, abs(plate.W)))
-        plate.step(old, drive)
-        old = drive
     slides = steady(stroke)
-    time = (np.flatnonzero(slides) - BEGIN) * TICK
+    time = (np.flatnonzero(slides) - TARE) * TICK
     basis = np.column_stack((np.sin(omega * time), np.cos(omega * time), np.ones(len(time))))
-    kept = np.array(rows)[slides]
+    kept = traces[slides, :3]
     fitted = np.linalg.lstsq(basis, kept, rcond=None)[0]
-    mu, W_ref, W = fitted[0] + 1j * fitted[1]
+    mu_found, W_ref, W = fitted[0] + 1j * fitted[1]
     rest = kept[:, 0] - basis @ fitted[:, 0]
     asked = 0.5 * swing
-    stages = (abs(W_ref) / asked, abs(W / W_ref), abs(mu / W))
-    return Answer(mu / asked, 1.0 - float(np.var(rest) / np.var(kept[:, 0])), stages)
+    stages = (abs(W_ref) / asked, abs(W / W_ref), abs(mu_found / W))
+    return Answer(mu_found / asked, 1.0 - float(np.var(rest) / np.var(kept[:, 0])), stages)
+
+
+def stroking(force: float, speed: float, travel: float, seed: int) -> Stroke:
+    """Return a stroke, of a force in N, a speed in mm/s and a travel in m, after the tare."""
+    rest = (TARE + 20) * TICK
+    return Stroke(
+        force, 1e-3 * speed, travel, force_variation=0.0, speed_variation=0.0, seed=seed, rest=rest
+    )
 
 
 def steady(stroke: Stroke) -> np.ndarray[Any, Any]:
     """Return in which ticks a finger slides at its speed, 40 ms after its turn and later."""
     slides = np.zeros(TICKS, dtype=bool)
-    for now in stroke.passes(20):
+    for now in stroke.passes(2 + int(TICKS * TICK / 0.2)):
         ramp = ramp_of(stroke.path, now)
         end = now.start + now.duration - ramp
         slides[round((now.start + ramp + SETTLED) / TICK) : round(end / TICK)] = True
@@ -174,25 +297,24 @@ def curve(condition: Condition, subject: int, speed: float, swing: float, seed: 
 
 
 Curves = dict[tuple[Condition, float], list[Curve]]
-"""Of a condition and a swing, over subjects, and with the middle swing over speeds."""
+"""Of a condition and a swing, over subjects and seeds, and with the middle swing over speeds."""
 
 
 def curves(seed: int) -> Curves:
     """Return all curves."""
-    with sharing(2) as submit:
-        waiting = {
-            (condition, swing): [
-                submit(curve, condition, subject, speed, swing, seed)
-                for subject in LEVELS
-                for speed in (SPEEDS if swing == SWINGS[1] else SPEEDS[1:2])
-            ]
-            for condition, swing in product(CONDITIONS, SWINGS)
-        }
-        return {key: [one.result() for one in ones] for key, ones in waiting.items()}
+    return {
+        (condition, swing): [
+            curve(condition, subject, speed, swing, 1000 * seed + number)
+            for number, (_, subject, speed) in enumerate(
+                product(range(SEEDS), LEVELS, SPEEDS if swing == SWINGS[1] else SPEEDS[1:2])
+            )
+        ]
+        for condition, swing in product(CONDITIONS, SWINGS)
+    }
 
 
 def bandwidth(found: Curve) -> float:
-    """Return where the gain falls below -3 dB in Hz; 0 if it is below at 1 Hz."""
+    """Return where the gain falls below -3 dB in Hz; 0 if it is below at 5 Hz."""
     gains = np.array([abs(one.gain) for one in found])
     below = np.flatnonzero(gains < HALF_POWER)
     if not len(below):
@@ -206,13 +328,18 @@ def bandwidth(found: Curve) -> float:
 
 
 def hertz(values: Sequence[float]) -> str:
-    """Return the median, and the lowest in brackets."""
-    median, least = float(np.median(values)), min(values)
+    """Return the median, and the range in brackets."""
     most = FREQUENCIES[-1]
-    return " ".join(
-        text.format("> " * (value >= most) + f"{value:.0f}")
-        for text, value in (("{}", median), ("({})", least))
+    median, low, high = (
+        "> " * (value >= most) + f"{value:.0f}"
+        for value in (float(np.median(values)), min(values), max(values))
     )
+    return f"{median} ({low} to {high})"
+
+
+def spread(values: Sequence[float]) -> str:
+    """Return the median of gains, and their range in brackets."""
+    return f"{np.median(values):.2f} ({min(values):.2f} to {max(values):.2f})"
 
 
 def name(condition: Condition) -> tuple[str, str]:
@@ -233,15 +360,15 @@ def edges(found: Curves) -> Iterator[str]:
 
 
 def answers(found: Curves) -> Iterator[str]:
-    """Return the table of gain, phase and coherence: medians over subjects and speeds."""
+    """Return the table of gain, phase and coherence: medians over subjects, speeds and seeds."""
     rows = []
     for condition in CONDITIONS:
         cells = []
         for at in map(FREQUENCIES.index, SHOWN):
             ones = [one[at] for one in found[condition, SWINGS[1]]]
-            middle = np.median([abs(one.gain) for one in ones])
+            gains = spread([abs(one.gain) for one in ones])
             phase = np.degrees(np.angle(np.sum([one.gain / abs(one.gain) for one in ones])))
-            cells.append(f"{middle:.2f} {phase:.0f} {np.median([o.coherence for o in ones]):.2f}")
+            cells.append(f"{gains}, {phase:.0f}, {np.median([o.coherence for o in ones]):.2f}")
         rows.append((*name(condition), *cells))
     return columns("Law|Dead time, us|" + "|".join(f"{f} Hz" for f in SHOWN), rows)
 
@@ -291,34 +418,39 @@ def stages(found: Curves) -> Iterator[str]:
 
 
 PERIODS: Final = (4.0, 2.0, 1.0, 0.5)
+FORCES: Final = (1.0, 0.5)
+STROKED: Final = 6000
+"""Ticks of a run over a grating; 1 s of them before the mode begins."""
 
 
-def correlation(vibration_law: VibrationLaw, period: float, speed: float, seed: int) -> float:
-    """Return the mean correlation of single passes over a sine of a period in mm; subject 2."""
-    texture = Texture.grating(period, *LEVELS[2], shape="sine")
-    played = play(
-        texture,
-        2,
-        speed=speed,
-        force=FORCE,
-        seed=seed,
-        dead_time_us=540,
-        vibration_law=vibration_law,
-    )
-    return float(np.mean(track(texture, played.position, played.cof).correlations))
+def over_position(
+    vibration_law: VibrationLaw, force: float, period: float, speed: float, subject: int, seed: int
+) -> tuple[float, float]:
+    """Return mean correlation of single passes over a sine of a period in mm, and gain in phase."""
+    texture = Texture.grating(period, *LEVELS[subject], shape="sine")
+    condition = Condition("", Mode.TEXTURE, Law.MEASURED, vibration_law, DEAD_TIMES[1])
+    stroke = stroking(force, speed, 0.03, seed)
+    mu = np.full(STROKED, np.mean(LEVELS[subject]))
+    traces = run(condition, subject, stroke, texture.table, mu, seed)[LEARNT:]
+    found = track(texture, 1e3 * traces[:, 3], traces[:, 0])
+    return float(np.mean(found.correlations)), found.harmonics[0].gain
 
 
 def gratings(seed: int) -> Iterator[str]:
-    """Return how gratings are followed, by period and speed."""
+    """Return how gratings are followed, by force, period and speed, over subjects and seeds."""
     rows = []
-    for law in (VibrationLaw.PI, VibrationLaw.PREDICTIVE):
-        for speed in SPEEDS:
-            cells = [
-                f"{correlation(law, period, speed, seed):.2f}, {speed / period:g} Hz"
-                for period in PERIODS
+    laws = (VibrationLaw.PI, VibrationLaw.PREDICTIVE)
+    for law, force, speed in product(laws, FORCES, SPEEDS):
+        cells = []
+        for period in PERIODS:
+            found = [
+                over_position(law, force, period, speed, subject, 1000 * seed + number)
+                for number, (_, subject) in enumerate(product(range(SEEDS), LEVELS))
             ]
-            rows.append((f"`{law.name.lower()}`", f"{speed:g}", *cells))
-    return columns("Law|mm/s|" + "|".join(f"{period:g} mm" for period in PERIODS), rows)
+            correlations, gains = zip(*found, strict=True)
+            cells.append(f"{speed / period:g} Hz: {np.median(correlations):.2f}, {spread(gains)}")
+        rows.append((f"`{law.name.lower()}`", f"{force:g}", f"{speed:g}", *cells))
+    return columns("Law|N|mm/s|" + "|".join(f"{period:g} mm" for period in PERIODS), rows)
 
 
 @cache
