@@ -35,7 +35,7 @@ All functions are pure, with floats and named tuples.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import exp, log, pi, sqrt
+from math import exp, log, sqrt
 from typing import Final, NamedTuple
 
 from smarttac_can.science.control.design import Inverse
