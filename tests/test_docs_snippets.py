@@ -1,9 +1,11 @@
 """The Python of the documentation runs: each page from top to bottom, beside a simulated plate."""
 
 import inspect
+import json
 import re
 import threading
 from collections.abc import Iterator
+from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
 from shutil import copy
@@ -22,6 +24,7 @@ from smarttac_can.instrument.nodes.plate_block import PlateBlock
 from smarttac_can.instrument.nodes.plate_node import PlateNode
 from smarttac_can.instrument.nodes.stimulator_block import StimulatorBlock
 from smarttac_can.instrument.nodes.stimulator_node import StimulatorNode
+from smarttac_can.science.plant import SUBJECTS
 from smarttac_can.science.plant.finger import Trajectory
 from smarttac_can.vocabulary.states import State
 
@@ -97,6 +100,7 @@ def test_page(
     if page.stem == "lab-data":
         monkeypatch.syspath_prepend(ROOT / "tools" / "pages")
         import_module("lab_data").make_files(tmp_path)
+        (tmp_path / "finger.json").write_text(json.dumps({"subject": asdict(SUBJECTS[1])}))
     with simulated() as bench:
         names = {
             "bench": bench,

@@ -589,13 +589,22 @@ FORCES_N: Final = {
     "kgf": 9.80665,
 }  # fmt: skip
 NUMBERS: Final = {"-": 1.0, "1": 1.0, "%": 0.01, "N/N": 1.0}
-UNITS: Final = {**LENGTHS_MM, **TIMES_S, **FORCES_N, **NUMBERS}
-"""Size of every known unit, in mm, s, N or 1."""
-_WHAT: Final = ((LENGTHS_MM, "length"), (TIMES_S, "time"), (FORCES_N, "force"), (NUMBERS, "ratio"))
+SPEEDS_MM: Final = {f"{unit}/s": size for unit, size in LENGTHS_MM.items()}
+ACCELERATIONS_M: Final = {
+    f"{unit}/s{square}": 1e-3 * LENGTHS_MM[unit]
+    for unit in ("m", "mm")
+    for square in ("^2", "2", "²")
+}
+UNITS: Final = {**LENGTHS_MM, **TIMES_S, **FORCES_N, **NUMBERS, **SPEEDS_MM, **ACCELERATIONS_M}
+"""Size of every known unit, in mm, s, N, 1, mm/s or m/s2."""
+_WHAT: Final = (
+    (LENGTHS_MM, "length"), (TIMES_S, "time"), (FORCES_N, "force"), (NUMBERS, "ratio"),
+    (SPEEDS_MM, "speed"), (ACCELERATIONS_M, "acceleration"),
+)  # fmt: skip
 
 
 def size_of(name: str, unit: str, kind: Mapping[str, float]) -> float | None:
-    """Return the size of the unit of a column in mm, s, N or 1; None if nothing tells it.
+    """Return the size of the unit of a column, as in `UNITS`; None if nothing tells it.
 
     Parameters
     ----------

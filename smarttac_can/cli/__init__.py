@@ -33,6 +33,7 @@ FAMILIES: Final = {
         "reproduce": _Command("experiments", "Run experiments, and compare with the paper."),
         "report": _Command("experiments", "Draw the pictures of an older run anew."),
         "campaign": _Command("experiments", "Compare the laws on thousands of random fingers."),
+        "fit-finger": _Command("fit_finger", "Fit a fingertip to a recording, with limits."),
         "node": _Command("nodes", "Run the stimulator node."),
         "plate": _Command("nodes", "Run the plate node, simulated or with hardware."),
     },
@@ -73,7 +74,7 @@ class _Families(click.Group):
         if cmd_name not in _COMMANDS:
             return None
         module = import_module(f"{__name__}.{_COMMANDS[cmd_name].module}")
-        command: click.Command = getattr(module, cmd_name)
+        command: click.Command = getattr(module, cmd_name.replace("-", "_"))
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002

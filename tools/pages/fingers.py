@@ -15,6 +15,9 @@ shorter after one that was not, looks for the least. Nothing depends on anything
 same machine prints the same fingers. They are checked with other seeds, in
 tests/studies/paper/test_fitted.py.
 
+It is no user of `smarttac_can.science.population.fit_finger`, which fits forces of a recording: the
+paper has rise times and overshoots of its closed loop, and no recordings.
+
 Example: tools/pages/make fingers 2
 """
 

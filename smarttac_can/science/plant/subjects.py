@@ -9,7 +9,7 @@ from smarttac_can.science.plant.parameters import require
 FORCE_REFERENCE = 0.5
 """Normal force in N at which mu0 and the load on the plate are given."""
 
-_BOUNDS = {
+BOUNDS = {
     "mu0": (0.05, 3.0),
     "exponent": (2.0 / 3.0, 1.0),
     "occlusion": (0.0, 2.0),
@@ -29,6 +29,7 @@ _BOUNDS = {
     "load_damping": (0.0, 100.0),
     "load_stiffness": (0.0, 1e8),
 }
+"""Bounds of the numbers of a subject, in SI units."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,7 +83,7 @@ class Subject:
     """Stiffness that the finger adds to the mode at 0.5 N, in N/m [A]."""
 
     def __post_init__(self) -> None:
-        for name, (low, high) in _BOUNDS.items():
+        for name, (low, high) in BOUNDS.items():
             require(name, getattr(self, name), low, high)
 
 
