@@ -100,6 +100,7 @@ from smarttac_can.science.control.vibration import (
 )
 from smarttac_can.vocabulary.model import PlateModel
 from smarttac_can.vocabulary.signals import (
+    TICK,
     Contact,
     ContactFields,
     Drive,
