@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Self
+from typing import Final, Self
 
 import numpy as np
 
 TWO_PI = 2.0 * math.pi
+LEAST_WINDOW: Final = 1e-6
+"""Shortest window of a pick-up in s."""
 
 
 def require(name: str, value: object, low: float, high: float) -> None:
@@ -176,7 +178,7 @@ class SensorParameters:
         require("repeatability", self.repeatability, 0.0, 0.5)
         require("gauge_noise", self.gauge_noise, 0.0, 1.0)
         require("pickup_noise", self.pickup_noise, 0.0, 1e-6)
-        least_window = 1e-6 if self.pickup_window else 0.0
+        least_window = LEAST_WINDOW if self.pickup_window else 0.0
         require("pickup_window", self.pickup_window, least_window, 1e-3)
         require("pickup_lag", self.pickup_lag, 0.0, 1e-2)
         require("temperature_noise", self.temperature_noise, 0.0, 10.0)

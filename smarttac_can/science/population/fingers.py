@@ -11,7 +11,7 @@ import numpy as np
 
 from smarttac_can.science.plant.finger import Stroke, smooth
 from smarttac_can.science.plant.friction import sliding_coefficient
-from smarttac_can.science.plant.parameters import ResonatorParameters
+from smarttac_can.science.plant.parameters import LEAST_WINDOW, ResonatorParameters
 from smarttac_can.science.plant.subjects import SUBJECTS, Subject
 from smarttac_can.vocabulary.model import PlateModel
 
@@ -215,6 +215,8 @@ def draw_plate(seed: int, number: int, plates: str) -> Plate:
         gain=sound.gain * drawn["gain"],
     )
     window, error, model = drawn["pickup_window"], drawn["dead_time_error"], MODEL_PLATE.model
+    if window < LEAST_WINDOW:
+        window = 0.0
     if plates == "identified":
         error = 0.0
         model = replace(

@@ -164,6 +164,10 @@ def test_the_ranges_of_the_plates_are_filled_and_kept():
     assert below == pytest.approx(500, abs=60)
 
 
+def test_drawn_window_that_is_too_short_for_a_pick_up_is_none():
+    assert draw_plate(1, 243, "varied").window == 0.0
+
+
 def test_drawn_plate_follows_seed_and_number():
     varied, identified = (draw_plate(3, 17, name) for name in ("varied", "identified"))
     assert varied == draw_plate(3, 17, "varied")
