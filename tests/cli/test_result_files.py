@@ -30,6 +30,7 @@ FILES: dict[str, tuple[str | Path, ...]] = {
     "reproduce --json": ("reproduce", "fig3", "--json"),
     "reproduce --animate": ("reproduce", "fig3", "--animate"),
     "campaign --json": ("campaign", "--fingers", "1000000", "--json"),
+    "fit-finger --json": ("fit-finger", __file__, "--json"),
     "faults --json": ("faults", "--json"),
     "soak --json": ("soak", "--hours", "1000", "--json"),
     "sensors --json": ("sensors", "--jobs", "1", "--random", "1000000", "--json"),

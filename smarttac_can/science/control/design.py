@@ -98,6 +98,7 @@ def amplitude_pi(model: PlateModel, pole: float, dead_time: float = 0.0) -> PI:
     return _pi(model.gain, model.tau, pole, dead_time)
 
 
+@lru_cache
 def amplitude_inverse(model: PlateModel, pole: float, dead_time: float) -> Inverse:
     """Return the inverse of the loop of `amplitude_pi` under a finger of `INVERTED_FORCE`.
 

@@ -88,14 +88,15 @@ def fields_of(plans: Plans) -> dict[str, object]:
 
 FOLLOWS = {
     "Friction law": "control.law",
-    "Controller.Amplitude pole": "control.bare control.rows",
+    "Controller.Amplitude pole": "control.bare control.inverse control.rows",
     "Controller.Resonance pole": "control.bare control.rows",
     "Controller.Friction slope per percent": "control.slope",
     "Controller.Friction step limit": "control.step_max",
     "Controller.Contact force": "control.gauging",
     "Controller.Boundary hysteresis": "control.half",
-    "Controller.Dead time": "control.ahead control.bare control.rows control.prior",
-    "Controller.Vibration law": "control.vibration_law",
+    "Controller.Dead time": "control.ahead control.bare control.inverse control.rows "
+    "control.prior",
+    "Controller.Vibration law": "control.inverse control.vibration_law",
     "Limit.Voltage": "control.V_max watch.V_max",
     "Limit.Amplitude": "control.W_max",
     "Limit.Lowest frequency": "control.f_min watch.f_min",
