@@ -47,6 +47,11 @@ POLE: Final = 0.07
 that is faster than the finger slides, the skin sticks, and releases with an overshoot."""
 POLE_UNKNOWN: Final = 0.85
 """Such a fraction before the first pair of plateaus, when the map is that of any finger."""
+LEAD: Final = 0.1
+"""Share of a step of the reference that is asked for beside it, until the skin has followed: the
+slow part by which the friction of the family's fingers follows its vibration."""
+LEAD_FOLLOWED: Final = 0.2
+"""Share of the rest of a step by which the lead decays in a tick."""
 GAIN_UNKNOWN: Final = 1.0
 """Fraction of an error that m0 takes over in the first tick of known sliding."""
 GAIN_FIRST: Final = 0.3
@@ -170,6 +175,8 @@ class MapState(NamedTuple):
     """Fraction of an error that m0 takes over."""
     ln_aim: float
     """Target of ln mu in this tick."""
+    ln_slow: float
+    """Target that the slow part of the skin has followed."""
     since_step: int
     """Ticks since the last step of the reference."""
     since_turn: int
@@ -246,6 +253,7 @@ def begin_map(sample: FrictionSample, known: Known) -> MapState:
         ln_mu - h,
         GAIN_UNKNOWN,
         ln_mu,
+        ln_mu,
         SETTLED_TICKS,
         0,
         path,
@@ -259,8 +267,8 @@ def begin_map(sample: FrictionSample, known: Known) -> MapState:
 
 def follow_map(touch: MapState, sample: FrictionSample) -> MapState:
     """Return the state one tick later; `amplitude_asked` returns its amplitude."""
-    before, known, m0, ln_aim = touch.sample, touch.known, touch.m0, touch.ln_aim
-    followed = touch.followed
+    before, known, m0, followed = touch.sample, touch.known, touch.m0, touch.followed
+    ln_aim, ln_slow = touch.ln_aim, touch.ln_slow
     ln_ref = log(sample.mu_ref)
     pole = POLE if known.pairs else POLE_UNKNOWN
     stepped = abs(ln_ref - log(before.mu_ref)) > STEP_MIN
@@ -294,6 +302,7 @@ def follow_map(touch: MapState, sample: FrictionSample) -> MapState:
             share = GAIN_UNKNOWN
             m0 += error
             ln_aim += error
+            ln_slow = ln_aim
             gain = GAIN_FIRST
         followed = follow(followed, by, share)
         if settled:
@@ -306,9 +315,21 @@ def follow_map(touch: MapState, sample: FrictionSample) -> MapState:
                 m0 -= rise
                 path = Path(path.y * exp(rise), path.rate * exp(rise))
     if gain < GAIN_UNKNOWN:
+        ln_slow += LEAD_FOLLOWED * (ln_aim - ln_slow)
         ln_aim = ln_ref + pole * (ln_aim - ln_ref)
     return MapState(
-        m0, gain, ln_aim, since_step, since_turn, path, plateaus, known, sample, acting, followed
+        m0,
+        gain,
+        ln_aim,
+        ln_slow,
+        since_step,
+        since_turn,
+        path,
+        plateaus,
+        known,
+        sample,
+        acting,
+        followed,
     )
 
 
@@ -316,7 +337,8 @@ def amplitude_asked(touch: MapState) -> float:
     """Return the amplitude in m; below 0 for a COF that no amplitude reaches."""
     known, sample = touch.known, touch.sample
     x = sample.x + (PATH_LAG + TICK) * sample.v
-    return amplitude_for(known.nodes, touch.ln_aim - touch.m0) / share_at(known.mode_shape, x)
+    ln_mu = touch.ln_aim + LEAD * (touch.ln_aim - touch.ln_slow)
+    return amplitude_for(known.nodes, ln_mu - touch.m0) / share_at(known.mode_shape, x)
 
 
 def through_path(path: Path, middle: float) -> Path:
