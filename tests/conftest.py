@@ -63,13 +63,18 @@ def leaves_nothing() -> Iterator[None]:
             os.waitpid(-1, os.WNOHANG)
 
 
-@pytest.fixture(scope="session")
-def compiled_once(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """Have the loop of a campaign compiled once for all workers and their processes."""
+@pytest.fixture(scope="session", autouse=True)
+def numba_cache(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Have compiled loops kept in a folder of this test run, for all workers and processes."""
     run = tmp_path_factory.getbasetemp()
     folder = (run.parent if "PYTEST_XDIST_WORKER" in os.environ else run) / "numba"
     folder.mkdir(exist_ok=True)
     os.environ["NUMBA_CACHE_DIR"] = str(folder)
+
+
+@pytest.fixture(scope="session")
+def compiled_once(numba_cache: None) -> None:
+    """Have the loop of a campaign compiled once for all workers and their processes."""
     compile_once()
 
 

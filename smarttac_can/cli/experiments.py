@@ -37,7 +37,6 @@ from smarttac_can.science.population.fingers import CASES, PLATES
 from smarttac_can.science.population.trial import Campaign
 from smarttac_can.studies.campaign.runner import (
     ClusterError,
-    Progress,
     Record,
     RecordError,
     run_campaign,
@@ -367,18 +366,22 @@ def campaign(
             None if output is None else stack.enter_context(result_folder(output, CAMPAIGN_FILES))
         )
         records = _records(stack, kept, campaigns)
-        progress = stack.enter_context(progress_bar("campaign"))
-        results = [
-            run_campaign(
-                chosen,
-                fingers,
-                workers=workers or os.cpu_count() or 1,
-                cluster=cluster,
-                record=record,
-                progress=_share_of(progress, number, len(campaigns)),
-            )
-            for number, (chosen, record) in enumerate(zip(campaigns, records, strict=True))
-        ]
+        results = []
+        for number, (chosen, record) in enumerate(zip(campaigns, records, strict=True), 1):
+            label = f"campaign {number} of {len(campaigns)}" if len(campaigns) > 1 else "campaign"
+            with progress_bar(label) as progress:
+                results.append(
+                    run_campaign(
+                        chosen,
+                        fingers,
+                        workers=workers or os.cpu_count() or 1,
+                        cluster=cluster,
+                        record=record,
+                        progress=progress,
+                    )
+                )
+            if results[-1].not_kept:
+                click.echo(one_line(results[-1].not_kept), err=True)
         if any(result.compiled is None for result in results):
             click.echo(
                 f"some of the fingers in {resume} were run without numba, others with it: "
@@ -401,11 +404,6 @@ def _warn_if_slow() -> None:
             "pip install 'smarttac-can[campaign]'",
             err=True,
         )
-
-
-def _share_of(progress: Progress, number: int, count: int) -> Progress:
-    """Return a function that reports the progress of one of `count` runs as that of all."""
-    return lambda share: progress((number + share) / count)
 
 
 def _pairs(laws: list[Law], vibration_laws: list[VibrationLaw]) -> list[tuple[Law, VibrationLaw]]:

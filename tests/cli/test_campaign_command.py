@@ -1,6 +1,8 @@
 """The command ``campaign``: results, files, and exit codes."""
 
 import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 
@@ -155,3 +157,28 @@ def test_campaign_of_laws_says_once_that_numba_was_missing(
     result = run(*FEW, "--law", "measured", "--law", "predictive", "--json", "-")
     assert result.exit_code == 0, result.stderr
     assert result.stderr.count("were run without numba") == 1
+
+
+def test_campaign_says_once_that_the_loop_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    result = run(*FEW, "--json", "-")
+    assert result.stderr == ""
+    made = runner.run_campaign(trial.Campaign(), 1)
+    results = iter([made._replace(not_kept="the compiled loop was not kept"), made])
+    monkeypatch.setattr(command, "run_campaign", lambda *_, **__: next(results))
+    result = run(*FEW, "--law", "measured", "--law", "predictive", "--json", "-")
+    assert result.exit_code == 0, result.stderr
+    assert result.stderr == "the compiled loop was not kept\n"
+
+
+def test_each_campaign_has_a_bar_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown: dict[str, list[float]] = {}
+
+    @contextmanager
+    def progress_bar(label: str) -> Iterator[Callable[[float], None]]:
+        yield shown.setdefault(label, []).append
+
+    monkeypatch.setattr(command, "progress_bar", progress_bar)
+    succeed(*FEW, "--json", "-")
+    succeed(*FEW, "--law", "measured", "--law", "predictive", "--json", "-")
+    assert list(shown) == ["campaign", "campaign 1 of 2", "campaign 2 of 2"]
+    assert {shares[-1] for shares in shown.values()} == {1.0}

@@ -8,7 +8,7 @@ so that reading restores every bit.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Generator, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import closing
 from dataclasses import dataclass
@@ -16,7 +16,6 @@ from importlib import import_module
 from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
-from threading import Lock
 from time import perf_counter
 from typing import Any, BinaryIO, Final, NamedTuple
 from zlib import crc32
@@ -34,6 +33,7 @@ from smarttac_can.science.population.trial import (
     Figures,
     outcome_of,
 )
+from smarttac_can.studies.campaign.kept_loop import Progress, prepare
 
 Rows = NDArray[np.float64]
 """A row per finger: true figures, measured figures, figures of single touches, time in s."""
@@ -45,8 +45,9 @@ COLUMNS: Final = (
     "seconds",
 )
 SIZE: Final = 25
-"""Fingers of a chunk: 0.25 s when compiled, so that a stop does not wait long."""
-_compiling = Lock()
+"""Fingers of a chunk when compiled: 0.25 s, so that a stop does not wait long; else it is one."""
+_COMPILING: Final = 2000
+"""Fingers that take about as long as compiling the loop, for the progress."""
 
 
 def parameters(campaign: Campaign) -> dict[str, Any]:
@@ -59,14 +60,6 @@ def parameters(campaign: Campaign) -> dict[str, Any]:
         "case": campaign.case,
         "plates": campaign.plates,
     }
-
-
-def prepare() -> float:
-    """Compile the loop if possible, once per process; return the duration in s."""
-    begin = perf_counter()
-    with _compiling:
-        outcome_of(Campaign(), 0)
-    return perf_counter() - begin
 
 
 def run_chunk(campaign: Campaign, numbers: range, compiled: bool) -> tuple[range, Rows]:
@@ -87,13 +80,13 @@ def run_chunk(campaign: Campaign, numbers: range, compiled: bool) -> tuple[range
     return numbers, np.array(rows)
 
 
-def chunks_of(missing: NDArray[np.intp]) -> list[range]:
-    """Divide increasing numbers of fingers into chunks of consecutive ones."""
+def chunks_of(missing: NDArray[np.intp], size: int) -> list[range]:
+    """Divide increasing numbers of fingers into chunks of at most `size` consecutive ones."""
     chunks = []
     for stretch in np.split(missing, np.flatnonzero(np.diff(missing) != 1) + 1):
         if len(stretch):
             first, end = int(stretch[0]), int(stretch[-1]) + 1
-            chunks += [range(n, min(n + SIZE, end)) for n in range(first, end, SIZE)]
+            chunks += [range(n, min(n + size, end)) for n in range(first, end, size)]
     return chunks
 
 
@@ -309,7 +302,6 @@ def on_cluster(
 
 _AHEAD: Final = 2
 """Submitted chunks for each worker."""
-Progress = Callable[[float], None]
 
 
 class Result(NamedTuple):
@@ -322,8 +314,11 @@ class Result(NamedTuple):
     wall_s: float
     """Real time in s for that, without compiling."""
     compile_s: float
+    """Real time in s for compiling the loop, or loading it."""
     compiled: bool | None
     """Whether compiled code has run the fingers; None if it has run only some of them."""
+    not_kept: str = ""
+    """Why the next start compiles again, in one line; empty if it does not."""
 
 
 def run_campaign(
@@ -333,7 +328,7 @@ def run_campaign(
     workers: int = 1,
     cluster: str | None = None,
     record: Record | None = None,
-    progress: Progress | None = None,
+    progress: Progress = lambda _share: None,
 ) -> Result:
     """Run the fingers 0, 1, ... of a campaign; the rows do not depend on the workers.
 
@@ -350,7 +345,7 @@ def run_campaign(
     record
         File with earlier results, to which the new ones are added.
     progress
-        Function called with the fraction that is done, 0..1.
+        Function called with the fraction that is done, 0..1, also while the loop is compiled.
 
     Raises
     ------
@@ -361,10 +356,19 @@ def run_campaign(
     ways = set() if record is None else record.fill(rows)
     # The time of a finger that has run is not NaN.
     missing = np.flatnonzero(np.isnan(rows[:, -1]))
-    chunks, left, ran_s = chunks_of(missing), len(missing), 0.0
     compiled = can_compile()
-    compile_s = prepare() if chunks and compiled and cluster is None else 0.0
+    chunks = chunks_of(missing, SIZE if compiled else 1)
+    left, ran_s, ahead, not_kept = len(missing), 0.0, 0.0, ""
+
+    def compiling(share: float) -> None:
+        nonlocal ahead
+        ahead = share * _COMPILING / (_COMPILING + left)
+        progress(ahead)
+
     begin = perf_counter()
+    if chunks and compiled and cluster is None:
+        not_kept = prepare(compiling)
+    compile_s, begin = perf_counter() - begin, perf_counter()
     results = (
         _in_threads(campaign, chunks, workers, compiled)
         if cluster is None
@@ -377,12 +381,11 @@ def run_campaign(
             left -= len(numbers)
             if record is not None:
                 record.add(numbers, made)
-            if progress is not None:
-                progress(1.0 - left / fingers)
+            progress(1.0 - (1.0 - ahead) * left / fingers)
     if chunks or not ways:
         ways.add(compiled)
     of_all = ways.pop() if len(ways) == 1 else None
-    return Result(rows, ran_s, perf_counter() - begin, compile_s, of_all)
+    return Result(rows, ran_s, perf_counter() - begin, compile_s, of_all, not_kept)
 
 
 def _in_threads(

@@ -55,6 +55,31 @@ def test_progress_rises_to_all():
     assert result.wall_s > 0.0
 
 
+def test_progress_begins_while_the_loop_is_compiled(monkeypatch):
+    def prepare(progress):
+        progress(0.5)
+        progress(0.9)
+        return "not kept"
+
+    monkeypatch.setattr(runner, "prepare", prepare)
+    shares = []
+    result = run_campaign(CAMPAIGN, 2, progress=shares.append)
+    assert shares == sorted(shares)
+    assert shares[:2] == pytest.approx([0.5, 0.9], abs=0.002)  # compiling takes far longer
+    assert shares[-1] == 1.0
+    assert result.not_kept == "not kept"
+
+
+def test_progress_without_numba_rises_with_each_finger(monkeypatch):
+    made = np.zeros((1, len(COLUMNS)))
+    monkeypatch.setattr(runner, "can_compile", lambda: False)
+    monkeypatch.setattr(runner, "prepare", lambda *_: pytest.fail("there is nothing to compile"))
+    monkeypatch.setattr(runner, "run_chunk", lambda _, numbers, __: (numbers, made))
+    shares = []
+    run_campaign(CAMPAIGN, 4, progress=shares.append)
+    assert shares == [0.25, 0.5, 0.75, 1.0]
+
+
 def test_an_interrupted_campaign_goes_on_with_the_same_bits(rows, tmp_path):
     file = tmp_path / "rows"
 
@@ -118,13 +143,13 @@ def test_few_chunks_are_under_way_at_a_time(monkeypatch):
 
 def test_chunks_are_of_neighbours_that_are_missing():
     missing = np.array([0, 1, 2, 10, 11, *range(40, 40 + SIZE + 2)])
-    assert chunks_of(missing) == [
+    assert chunks_of(missing, SIZE) == [
         range(3),
         range(10, 12),
         range(40, 40 + SIZE),
         range(40 + SIZE, 42 + SIZE),
     ]
-    assert chunks_of(np.array([], dtype=np.intp)) == []
+    assert chunks_of(np.array([], dtype=np.intp), SIZE) == []
 
 
 def test_uncompiled_worker_among_compiled_ones_is_refused():
