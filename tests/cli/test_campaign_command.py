@@ -37,7 +37,7 @@ def test_the_predictive_laws_overshoot_less_than_the_papers() -> None:
         assert (said["law"], said["vibration_law"]) == laws
         overshoot.append(said["metrics"]["overshoot_percent"]["p50"])
         rise.append(said["metrics"]["rise_time_ms"]["p50"])
-    assert overshoot[1] <= 3.0 < overshoot[0]
+    assert overshoot[1] <= 4.0 < overshoot[0]
     assert rise[1] <= 3.0 < rise[0]
 
 
