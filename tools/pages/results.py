@@ -72,7 +72,6 @@ def with_path(frequency: float = 100.0, damping: float = 0.7, **contact: float) 
 
 
 AS_IT_IS: Final = Variation()
-MODE_SHAPE: Final = Variation(with_path(ripple=0.1))
 VARIATIONS: Final[Mapping[str, tuple[Variation, ...]]] = {
     "as it is": (AS_IT_IS,),
     "force path 80 and 120 Hz": (Variation(with_path(80.0)), Variation(with_path(120.0))),
@@ -85,7 +84,7 @@ VARIATIONS: Final[Mapping[str, tuple[Variation, ...]]] = {
     "force path 250 Hz": (Variation(with_path(250.0)),),
     "force path 250 Hz, film lag 2 ms": (Variation(with_path(250.0, film_lag=2e-3)),),
     "film lag 2 ms": (Variation(with_path(film_lag=2e-3)),),
-    "mode shape of 0.1": (MODE_SHAPE,),
+    "ripple of the mode 0.1": (Variation(with_path(ripple=0.1)),),
     "W0 x 0.5, 0.75 and 1.25": tuple(Variation(W0=factor) for factor in (0.5, 0.75, 1.25)),
     "0.4 and 0.7 N": (Variation(force=0.4), Variation(force=0.7)),
     "40 and 80 mm/s": (Variation(speed=40.0), Variation(speed=80.0)),
@@ -247,20 +246,14 @@ def lowest_amplitude(traces: Iterable[Trace]) -> float:
     return float(np.min(lowest))
 
 
-def laws_table(runs: Mapping[str, list[Trace]], shaped: Mapping[str, list[Trace]]) -> Iterator[str]:
-    """Compare the laws, on a plate without and with a mode shape."""
+def laws_table(runs: Mapping[str, list[Trace]]) -> Iterator[str]:
+    """Compare the laws."""
     rows = []
-    both = [
-        (name, shape, plate[name])
-        for name in runs
-        for shape, plate in (("0", runs), ("0.1", shaped))
-    ]
-    for name, shape, traces in both:
+    for name, traces in runs.items():
         subjects = table1(traces)["subjects"]
         rows.append(
             [
                 f"`{name}`",
-                shape,
                 *(
                     " ".join(number(row[metric]) for row in subjects)
                     for metric in ("rise_time_ms", "overshoot_percent", "static_error_percent")
@@ -268,9 +261,7 @@ def laws_table(runs: Mapping[str, list[Trace]], shaped: Mapping[str, list[Trace]
                 f"{chatter(traces):.3f}",
             ]
         )
-    head = (
-        "law | mode shape | rise, ms | overshoot, % | static error, % | chatter of single touches"
-    )
+    head = "law | rise, ms | overshoot, % | static error, % | chatter of single touches"
     return columns(head, rows)
 
 
@@ -329,7 +320,6 @@ def pages(draw: bool) -> Pages:
     seeds, fitted = runs_of("presets", SEEDS), runs_of("fitted", FITTED_SEEDS)
     papers = (Law.MEASURED, Law.ACCUMULATE, Law.NOMINAL)
     laws = {law.name.lower(): run_varied(law=law) for law in papers}
-    shaped = {law.name.lower(): run_varied(MODE_SHAPE, law) for law in papers}
     halved = run_varied(Variation(W0=0.5))
     varied = {
         name: [[table1(run_varied(each, seed=seed)) for seed in FEW_SEEDS] for each in variations]
@@ -346,7 +336,7 @@ def pages(draw: bool) -> Pages:
         "fitted": subjects_table(fitted),
         "fitted_off": off_in_all(fitted),
         "variations": variations_table(varied),
-        "laws": laws_table(laws, shaped),
+        "laws": laws_table(laws),
         "lowest": f"{lowest_amplitude(laws['measured']):.2f}",
         "halved": " ".join(f"{chatter([trace]):.3f}" for trace in halved),
         "dead_time": f"{dead_time:.0f}",
