@@ -29,10 +29,10 @@ from smarttac_can.cli.shared import (
     result_folder_path,
     result_path,
     seed_option,
+    warn_without_numba,
 )
 from smarttac_can.host.files import read_bounded
 from smarttac_can.host.terminal import progress_bar
-from smarttac_can.science.population.compiled import can_compile
 from smarttac_can.science.population.fingers import CASES, PLATES
 from smarttac_can.science.population.trial import Campaign
 from smarttac_can.studies.campaign.runner import (
@@ -360,7 +360,7 @@ def campaign(
     kept = _kept_in(resume, campaigns)
     made = [] if output is None else [output / name for name in CAMPAIGN_FILES]
     refuse_own_files(kept, [json_file, *made], "--resume")
-    _warn_if_slow()
+    warn_without_numba(", and more workers do not help")
     with reporting(json_file, ClusterError, RecordError) as write_results, ExitStack() as stack:
         folder = (
             None if output is None else stack.enter_context(result_folder(output, CAMPAIGN_FILES))
@@ -394,16 +394,6 @@ def campaign(
         write_results(as_json(summaries), lines(summaries))
     if output is not None:
         click.echo(f"picture: {output / PICTURE}", err=json_file == Path("-"))
-
-
-def _warn_if_slow() -> None:
-    if not can_compile():
-        click.echo(
-            "numba is not installed, or the package was compiled by mypyc, for which there is no "
-            "numba: it takes some 30 times as long, and more workers do not help: "
-            "pip install 'smarttac-can[campaign]'",
-            err=True,
-        )
 
 
 def _pairs(laws: list[Law], vibration_laws: list[VibrationLaw]) -> list[tuple[Law, VibrationLaw]]:

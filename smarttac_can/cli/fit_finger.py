@@ -25,11 +25,11 @@ from smarttac_can.cli.shared import (
     FiniteRange,
     json_options,
     reporting,
+    warn_without_numba,
     with_options,
 )
 from smarttac_can.host.terminal import progress_bar
 from smarttac_can.science.plant.parameters import SensorParameters
-from smarttac_can.science.population.compiled import can_compile
 from smarttac_can.science.population.finger_fit import FingerFit, FingerRecording
 from smarttac_can.science.population.finger_fit import fit_finger as fitted_to
 from smarttac_can.science.population.fingers import F0
@@ -158,12 +158,7 @@ def fit_finger(
         found = _read(file, wanted)
         if speed is not None:
             found["position"] = _way(found["time"], found.pop("speed"))
-        if not can_compile():
-            click.echo(
-                "numba is not installed, or the package was compiled by mypyc, for which there is "
-                "no numba: it takes some 30 times as long: pip install 'smarttac-can[campaign]'",
-                err=True,
-            )
+        warn_without_numba()
         recording = FingerRecording(
             **found,
             path_frequency=path_frequency,

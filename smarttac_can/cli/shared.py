@@ -42,6 +42,7 @@ from smarttac_can.host.files import (
     trouble,
 )
 from smarttac_can.host.python_can import PythonCanBus
+from smarttac_can.science.population.compiled import can_compile
 
 _LONGEST_LINE: Final = 500
 _MOST_WARNINGS: Final = 20
@@ -96,6 +97,17 @@ def need_matplotlib() -> None:
     """Refuse a command that draws before its work starts, if matplotlib is missing."""
     with plain_errors():
         require_matplotlib()
+
+
+def warn_without_numba(besides: str = "") -> None:
+    """Warn that what numba would compile takes long; `besides` is what else is slower then."""
+    if not can_compile():
+        click.echo(
+            "numba is not installed, or the package was compiled by mypyc, for which there is no "
+            f"numba: it takes some 30 times as long{besides}: "
+            "pip install 'smarttac-can[campaign]'",
+            err=True,
+        )
 
 
 def one_line(text: object) -> str:

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from commands import refusal, run, succeed
 
+from smarttac_can.cli import shared
 from smarttac_can.science.population import trial
 from smarttac_can.studies.campaign import runner
 
@@ -125,7 +126,7 @@ def test_campaign_without_numba_gives_the_same_and_can_resume(
     rows = tmp_path / "rows"
     some = ("campaign", "--resume", str(rows), "--json", "-", "--fingers")
     with monkeypatch.context() as without:
-        for module in (command, runner):
+        for module in (shared, runner):
             without.setattr(module, "can_compile", lambda: False)
         without.setattr(trial, "fastest", trial.plain)
         result = run(*some, "1")

@@ -48,10 +48,10 @@ that is faster than the finger slides, the skin sticks, and releases with an ove
 POLE_UNKNOWN: Final = 0.85
 """Such a fraction before the first pair of plateaus, when the map is that of any finger."""
 LEAD: Final = 0.1
-"""Share of a step of the reference that is asked for beside it, until the skin has followed: the
-slow part by which the friction of the family's fingers follows its vibration."""
+"""Share of a step of the reference that is asked for in addition at first, because part of the
+friction follows the vibration late, through the skin [chosen over fingers of seeds 5 and 71]."""
 LEAD_FOLLOWED: Final = 0.2
-"""Share of the rest of a step by which the lead decays in a tick."""
+"""Share of the lead that is taken back in a tick."""
 GAIN_UNKNOWN: Final = 1.0
 """Fraction of an error that m0 takes over in the first tick of known sliding."""
 GAIN_FIRST: Final = 0.3
@@ -176,7 +176,7 @@ class MapState(NamedTuple):
     ln_aim: float
     """Target of ln mu in this tick."""
     ln_slow: float
-    """Target that the slow part of the skin has followed."""
+    """Target behind a low-pass filter; the lead is in proportion to the difference."""
     since_step: int
     """Ticks since the last step of the reference."""
     since_turn: int

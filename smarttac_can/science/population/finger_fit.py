@@ -7,7 +7,7 @@ lateral force is least squares in all numbers of `FREE` at once.
 Before any data a number is where fingers are: normally distributed, or its logarithm, with 95 % in
 the range that `FREE` gives. So the fit has an answer when a recording tells nothing of a number,
 and the answer then is that range. A number is told if the recording narrows its range to a third or
-less. The others are correlated with it, and keep the range that they have.
+less. The others get wide limits, and the numbers that are correlated with them, too.
 
 The limits are those of the linear model at the optimum, with four additions:
 
@@ -27,9 +27,9 @@ They hold for the noise of a recording. A wrong gain of the gauges is a wrong mu
 
 Mass, stiffness, damping and creep of the skin share a long valley, which a finger that sticks and
 slips makes rough, as the phase of a slip may fit by chance. Where 30 simulated fingers were fitted,
-the stiffness was inside its own limits 9 times. So these five numbers are never told: what stands
-for them only fits together with the others. So a fit begins with means of the residual
-over `STAGES` ticks, from both ends of the valley and from its middle. The result is the mean of
+the stiffness was inside its own limits 9 times. So these five numbers are never told: their values
+fit the recording together, but not one by one. A fit begins from both ends of the valley and from
+its middle, with means of the residual over the ticks of `STAGES`. The result is the mean of
 the optima that are as good as the best, and their mean square about it is added to the variance.
 """
 
@@ -176,7 +176,7 @@ class FingerFit(NamedTuple):
     """A finger fitted to a recording."""
 
     subject: Subject
-    """What is not told fits together with the others."""
+    """The finger with all values; those that are not told are right together only."""
     numbers: dict[str, Estimate]
     """By the names of the fields of `Subject`."""
     residual: float
@@ -282,6 +282,7 @@ class _Model:
     def residuals(self, u: Floats, given: Floats | None = None) -> Floats:
         """Return the residuals of each channel, 0 where they are not judged."""
         s = {name: _number(name, at) for name, at in zip(_NAMES, u.tolist(), strict=True)}
+        # Not by `friction_map` and `skin_of` of a Subject: a descent passes a Subject's bounds.
         friction = FrictionMap(
             s["mu0"] * FORCE_REFERENCE,
             s["exponent"],
@@ -352,15 +353,23 @@ def fit_finger(
             told((len(STAGES) * number + stage + 1) / parts)
         optima.append(optimum)
     best = min(optima, key=lambda optimum: optimum.squares)
-    rest = best.residuals[0]
-    _require_fit(sqrt(float(rest @ rest) / np.count_nonzero(rows.judged)), rows.lateral_noise)
+    count = int(np.count_nonzero(rows.judged))
+    residual = sqrt(best.squares / count)
+    _require_fit(residual, rows.lateral_noise)
     near = [one.u for one in optima if one.squares < AS_GOOD * best.squares]
     middle = np.mean(near, axis=0)
     bias, spread = _shift(model, best, rows)
     apart = np.mean((np.array(near) - middle) ** 2, axis=0)
     variance = np.diag(best.covariance) + spread + apart
     told(1.0)
-    return _result(name, middle - bias, np.sqrt(variance), best, rows)
+    numbers = _numbers(middle - bias, np.sqrt(variance), rows)
+    return FingerFit(
+        Subject(name=name, **{key: estimate.value for key, estimate in numbers.items()}),
+        numbers,
+        residual,
+        count,
+        count / best.correlation,
+    )
 
 
 def _require_fit(residual: float, noise: float) -> None:
@@ -379,11 +388,10 @@ class _Optimum(NamedTuple):
 
     u: Floats
     squares: float
-    """Sum of the squares of the residuals, weighted, and of the coordinates."""
+    """Sum of the squares of the residuals of the lateral force, in N^2."""
     covariance: Floats
     pull: Floats
     """Change of the coordinates with each residual, a channel after the other."""
-    residuals: Floats
     correlation: float
     """Ticks of the lateral force's residual for an independent one."""
 
@@ -427,7 +435,7 @@ def _optimum(model: _Model, u: Floats, width: int, step: float, rows: _Rows) -> 
     covariance = np.linalg.inv(normal)
     raw = float(np.sum(r[0] * r[0]))
     pull = -covariance @ J * np.broadcast_to(weights, r.shape).ravel()
-    return _Optimum(u, raw, covariance, pull, r, correlation_of(r[0]))
+    return _Optimum(u, raw, covariance, pull, correlation_of(r[0]))
 
 
 def _means(r: Floats, width: int) -> Floats:
@@ -477,7 +485,8 @@ def _shift(model: _Model, optimum: _Optimum, rows: _Rows) -> tuple[Floats, Float
     return bias, np.mean(moved * moved, axis=0)
 
 
-def _result(name: str, u: Floats, sigma: Floats, optimum: _Optimum, rows: _Rows) -> FingerFit:
+def _numbers(u: Floats, sigma: Floats, rows: _Rows) -> dict[str, Estimate]:
+    """Return the numbers of the subject by the coordinates of the fit and their deviations."""
     vibrated = bool(np.any(rows.given[:, 2] > 0.0))
     numbers = {}
     for field in fields(Subject):
@@ -489,15 +498,7 @@ def _result(name: str, u: Floats, sigma: Floats, optimum: _Optimum, rows: _Rows)
             numbers[field.name] = Estimate(
                 value, *BOUNDS[field.name], False, "forces do not show the load on the vibration"
             )
-    rest = optimum.residuals[0]
-    count = int(np.count_nonzero(rows.judged))
-    return FingerFit(
-        Subject(name=name, **{key: estimate.value for key, estimate in numbers.items()}),
-        numbers,
-        sqrt(float(rest @ rest) / count),
-        count,
-        count / optimum.correlation,
-    )
+    return numbers
 
 
 def _estimate(name: str, u: float, sigma: float, vibrated: bool) -> Estimate:

@@ -271,8 +271,8 @@ def test_noise_of_the_lateral_force_is_found_by_its_scatter() -> None:
 
 def test_fit_that_leaves_twice_the_noise_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     def stuck(_model: object, u: np.ndarray, *_: object) -> finger_fit._Optimum:
-        left = np.full((1, 3000), 2.0 * PLATE.sensors.gauge_noise)
-        return finger_fit._Optimum(u, 1.0, np.eye(len(u)), left, left, 1.0)
+        squares = 3000 * (2.0 * PLATE.sensors.gauge_noise) ** 2
+        return finger_fit._Optimum(u, squares, np.eye(len(u)), np.zeros((len(u), 3000)), 1.0)
 
     monkeypatch.setattr(finger_fit, "_optimum", stuck)
     with pytest.raises(ValueError, match=r"the fit leaves .* mN .* its noise of .* mN allows"):
