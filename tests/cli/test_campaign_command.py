@@ -26,6 +26,7 @@ def test_json_has_the_agreed_keys() -> None:
         assert list(said["metrics"][name]) == ["p5", "p50", "p95"]
     assert said["fingers"] == 4
     assert 0.0 <= said["limit_cycle_share"] <= 1.0
+    assert 0.0 <= said["even_edges_share"] <= 1.0
     assert said["finger_seconds_per_second"] > 0.0
     assert said["dead_time_us"] == 540.0
 

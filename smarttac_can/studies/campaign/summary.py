@@ -25,6 +25,9 @@ _QUANTILES: Final = {"p5": 0.05, "p50": 0.5, "p95": 0.95}
 
 RISE_SPREAD: Final = "rise_spread_ms"
 """Metric of a finger: its longest rise time of a touch minus the shortest."""
+TOLD_APART: Final = 2.3
+"""Least difference in ms of transition times of friction that people tell apart; Gueorguiev et al.,
+IEEE Trans. Haptics 12 (2019) 179."""
 
 
 def column(rows: Rows, name: str) -> Rows:
@@ -61,7 +64,8 @@ def summary(campaign: Campaign, result: Result) -> dict[str, Any]:
 
     Percentiles are values of a finger, or of a touch, without interpolation. A finger or touch
     without a step counts with an infinite rise time and an overshoot of 100 %. A percentile that is
-    such a rise time is None.
+    such a rise time is None. The edges of a finger are even if its touches, two or more, differ in
+    rise time by `TOLD_APART` at most.
     """
     rows = result.rows
     names = (*CURVES, *(f"touch_{name}" for name in TOUCH_FIGURES), RISE_SPREAD)
@@ -73,6 +77,7 @@ def summary(campaign: Campaign, result: Result) -> dict[str, Any]:
         "fingers": len(rows),
         "metrics": metrics,
         "limit_cycle_share": float(np.mean(column(rows, "chatter") > LIMIT_CYCLE)),
+        "even_edges_share": float(np.mean(column(rows, RISE_SPREAD) <= TOLD_APART)),
         "without_rise": int(np.count_nonzero(np.isinf(column(rows, "rise_time_ms")))),
         "finger_seconds": float(rows[:, -1].sum()),
         "finger_seconds_per_second": result.ran_s / result.wall_s if result.ran_s else None,
@@ -130,7 +135,7 @@ def _ends(r: dict[str, Any], laws: str) -> list[str]:
     pace = "nothing left to run" if speed is None else f"{speed:.0f} finger-seconds a second"
     return [
         f"{laws}in a limit cycle: {100 * r['limit_cycle_share']:.2f} %, without a rise: "
-        f"{r['without_rise']}",
+        f"{r['without_rise']}, edges within {TOLD_APART:g} ms: {100 * r['even_edges_share']:.1f} %",
         f"{laws}{r['finger_seconds']:.0f} finger-seconds, {pace}, "
         f"{r['compile_s']:.1f} s to compile",
     ]

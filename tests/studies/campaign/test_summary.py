@@ -11,6 +11,7 @@ from smarttac_can.studies.campaign.summary import (
     FINGERS,
     LIMIT_CYCLE,
     RESULTS,
+    TOLD_APART,
     column,
     lines,
     summary,
@@ -104,6 +105,20 @@ def test_rise_spread_is_over_the_touches_of_a_finger():
     assert set(spread[20:]) == {1.0}
     metric = summary(CAMPAIGN, result(rows))["metrics"]["rise_spread_ms"]
     assert metric == {"p5": 1.0, "p50": 1.0, "p95": None}
+
+
+def test_edges_are_even_if_touches_rise_within_2_3_ms():
+    rows = hundred()
+    rises = [COLUMNS.index(f"touch_{n}_rise_time_ms") for n in range(1, TOUCHES + 1)]
+    rows[:, rises] = 2.0
+    rows[:40, rises[5]] = 2.0 + TOLD_APART + 1e-9
+    rows[40:70, rises[5]] = 2.0 + TOLD_APART - 1e-9
+    rows[70, rises[0]] = np.inf
+    rows[71, rises[1:]] = np.nan
+    results = summary(CAMPAIGN, result(rows))
+    assert TOLD_APART == 2.3
+    assert results["even_edges_share"] == 0.58
+    assert "edges within 2.3 ms: 58.0 %" in lines([results])[-2]
 
 
 def test_several_laws_are_one_table_one_file_and_one_picture(tmp_path):
