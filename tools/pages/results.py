@@ -40,6 +40,8 @@ from smarttac_can.studies.paper.reproduce import reproduce, summary
 from smarttac_can.vocabulary.states import Law
 
 SEEDS: Final = range(1, 12)
+BAND_SEEDS: Final = range(1, 6)
+"""Seeds of which all figures with a band are judged."""
 FITTED_SEEDS: Final = range(1, 11)
 """Seeds that the fingers were not fitted with."""
 FEW_SEEDS: Final = range(1, 3)
@@ -72,6 +74,7 @@ def with_path(frequency: float = 100.0, damping: float = 0.7, **contact: float) 
 
 
 AS_IT_IS: Final = Variation()
+MODE_SHAPE: Final = Variation(with_path(ripple=0.1))
 VARIATIONS: Final[Mapping[str, tuple[Variation, ...]]] = {
     "as it is": (AS_IT_IS,),
     "force path 80 and 120 Hz": (Variation(with_path(80.0)), Variation(with_path(120.0))),
@@ -84,7 +87,7 @@ VARIATIONS: Final[Mapping[str, tuple[Variation, ...]]] = {
     "force path 250 Hz": (Variation(with_path(250.0)),),
     "force path 250 Hz, film lag 2 ms": (Variation(with_path(250.0, film_lag=2e-3)),),
     "film lag 2 ms": (Variation(with_path(film_lag=2e-3)),),
-    "ripple of the mode 0.1": (Variation(with_path(ripple=0.1)),),
+    "mode shape of 0.1": (MODE_SHAPE,),
     "W0 x 0.5, 0.75 and 1.25": tuple(Variation(W0=factor) for factor in (0.5, 0.75, 1.25)),
     "0.4 and 0.7 N": (Variation(force=0.4), Variation(force=0.7)),
     "40 and 80 mm/s": (Variation(speed=40.0), Variation(speed=80.0)),
@@ -148,6 +151,27 @@ def number(value: float | None, digits: int = 1) -> str:
 def verdicts(results: Results) -> dict[str, str]:
     """Return the verdict on each result, by its key."""
     return {item.published.key: item.verdict for item in compare(results)}
+
+
+def bands_table(runs: Sequence[Results]) -> Iterator[str]:
+    """Least and most of each figure with a band over the runs, and how many runs are inside."""
+    rows = []
+    for beside in zip(*map(compare, runs), strict=True):
+        one = beside[0].published
+        if one.low is None or one.high is None:
+            continue
+        values = [item.value for item in beside if item.value is not None]
+        digits = 0 if one.unit == "Hz" else 2
+        inside = sum(item.verdict == INSIDE for item in beside)
+        rows.append(
+            [
+                f"{one.name}, {one.unit}",
+                f"{number(min(values), digits)} to {number(max(values), digits)}",
+                f"{one.low:g} to {one.high:g}",
+                f"{inside} of {len(runs)}",
+            ]
+        )
+    return columns(" | over the seeds | band | inside", rows)
 
 
 def vibration_table(runs: Sequence[Results]) -> Iterator[str]:
@@ -246,14 +270,20 @@ def lowest_amplitude(traces: Iterable[Trace]) -> float:
     return float(np.min(lowest))
 
 
-def laws_table(runs: Mapping[str, list[Trace]]) -> Iterator[str]:
-    """Compare the laws."""
+def laws_table(runs: Mapping[str, list[Trace]], shaped: Mapping[str, list[Trace]]) -> Iterator[str]:
+    """Compare the laws, on a plate without and with a mode shape."""
     rows = []
-    for name, traces in runs.items():
+    both = [
+        (name, shape, plate[name])
+        for name in runs
+        for shape, plate in (("0", runs), ("0.1", shaped))
+    ]
+    for name, shape, traces in both:
         subjects = table1(traces)["subjects"]
         rows.append(
             [
                 f"`{name}`",
+                shape,
                 *(
                     " ".join(number(row[metric]) for row in subjects)
                     for metric in ("rise_time_ms", "overshoot_percent", "static_error_percent")
@@ -261,7 +291,9 @@ def laws_table(runs: Mapping[str, list[Trace]]) -> Iterator[str]:
                 f"{chatter(traces):.3f}",
             ]
         )
-    head = "law | rise, ms | overshoot, % | static error, % | chatter of single touches"
+    head = (
+        "law | mode shape | rise, ms | overshoot, % | static error, % | chatter of single touches"
+    )
     return columns(head, rows)
 
 
@@ -318,8 +350,10 @@ def pages(draw: bool) -> Pages:
     dead_time = loop_dead_time(1_000_000)
     vibration = [reproduce(VIBRATION, Conditions(dead_time=us)) for us in (0.0, dead_time)]
     seeds, fitted = runs_of("presets", SEEDS), runs_of("fitted", FITTED_SEEDS)
+    banded = [reproduce(VIBRATION | TABLE, Conditions(seed=seed))[1] for seed in BAND_SEEDS]
     papers = (Law.MEASURED, Law.ACCUMULATE, Law.NOMINAL)
     laws = {law.name.lower(): run_varied(law=law) for law in papers}
+    shaped = {law.name.lower(): run_varied(MODE_SHAPE, law) for law in papers}
     halved = run_varied(Variation(W0=0.5))
     varied = {
         name: [[table1(run_varied(each, seed=seed)) for seed in FEW_SEEDS] for each in variations]
@@ -328,6 +362,7 @@ def pages(draw: bool) -> Pages:
     judged = ("table1.mean.rise_time_ms", "table1.mean.overshoot_percent")
     fields: dict[str, str | Iterator[str]] = {
         "vibration": vibration_table([results for _, results in vibration]),
+        "bands": bands_table(banded),
         "subjects": subjects_table(seeds),
         "subjects_off": off_in_all(seeds),
         "seeds": seeds_table(seeds),
@@ -336,7 +371,7 @@ def pages(draw: bool) -> Pages:
         "fitted": subjects_table(fitted),
         "fitted_off": off_in_all(fitted),
         "variations": variations_table(varied),
-        "laws": laws_table(laws),
+        "laws": laws_table(laws, shaped),
         "lowest": f"{lowest_amplitude(laws['measured']):.2f}",
         "halved": " ".join(f"{chatter([trace]):.3f}" for trace in halved),
         "dead_time": f"{dead_time:.0f}",
