@@ -49,6 +49,9 @@ from smarttac_can.vocabulary.textures import COF_COUNT, Axis, TextureTable
 WEBER: Final = 0.11
 """Just noticeable change of friction over friction; Gueorguiev et al., J. R. Soc. Interface 14
 (2017) 20170641."""
+VIBRATION: Final = 4.0
+"""Amplitude in um (rms) of a vibration of 31.5 Hz that a fingertip detects [A]. Measured in Morioka
+et al., Somatosens. Mot. Res. 25 (2008), of which the abstract was read: it has no figures."""
 FREQUENCIES: Final = (5, 10, 20, 50, 70, 100, 150, 200, 300, 400)
 SHOWN: Final = (10, 50, 100, 200, 400)
 SPEEDS: Final = (30.0, 60.0, 120.0)
@@ -454,29 +457,28 @@ def gratings(seed: int) -> Iterator[str]:
 
 
 @cache
-def in_jnd(
+def as_felt(
     law: Law, vibration_law: VibrationLaw, dead_time: float, seed: int
 ) -> np.ndarray[Any, Any]:
-    """Return static error, overshoot and chatter of the true COF in JND, a row a finger."""
+    """Return static error and overshoot in JND, chatter in um of the skin, a row a finger."""
     campaign = Campaign(seed, law, vibration_law, dead_time)
     rows = []
     for number in range(FINGERS):
         finger = draw_finger(campaign.seed, number, CASES[campaign.case])
         true = outcome_of(campaign, number)[0].true
         step = finger.mu_right - finger.mu_left
-        middle = 0.5 * (finger.mu_right + finger.mu_left)
         rows.append(
             (
                 0.01 * true.static_error_percent / WEBER,
                 0.01 * true.overshoot_percent * step / (WEBER * finger.mu_right),
-                true.chatter / (WEBER * middle),
+                1e6 * true.chatter * finger.force / finger.subject.skin_stiffness,
             )
         )
     return np.array(rows)
 
 
 def felt(seed: int) -> Iterator[str]:
-    """Return the table of errors in JND: of fingers of a campaign, and of gratings."""
+    """Return the table of errors as they are felt: of fingers of a campaign, and of gratings."""
     rows = []
     for condition in CONDITIONS:
         if condition.mode is Mode.TEXTURE:
@@ -485,7 +487,7 @@ def felt(seed: int) -> Iterator[str]:
                 vibration_law=condition.vibration_law,
                 seed=seed,
             )
-            cells = ["", "", ""]
+            cells = ["", "", "", ""]
             for shape in textures.SHAPES:
                 errors = [
                     textures.tracked(subject, shape, conditions).rms / (WEBER * np.mean(levels))
@@ -493,11 +495,13 @@ def felt(seed: int) -> Iterator[str]:
                 ]
                 cells.append(f"{np.median(errors):.2f} ({max(errors):.2f})")
         else:
-            found = in_jnd(condition.law, condition.vibration_law, condition.dead_time, seed)
+            found = as_felt(condition.law, condition.vibration_law, condition.dead_time, seed)
             high = np.nanquantile(found, (0.5, 0.95), axis=0, method="inverted_cdf")
-            cells = [f"{middle:.2f} ({most:.2f})" for middle, most in high.T] + ["", ""]
+            static, step, chatter = (f"{middle:.2f} ({most:.2f})" for middle, most in high.T)
+            above = f"{100 * np.mean(found[:, 2] > VIBRATION):.0f}"
+            cells = [static, step, chatter, above, "", ""]
         rows.append((*name(condition), *cells))
-    return columns("Law|Dead time, us|static|step|chatter|sine|square", rows)
+    return columns("Law|Dead time, us|static|step|chatter, um|above 4 um, %|sine|square", rows)
 
 
 LINES: Final = {
@@ -541,7 +545,7 @@ def picture(found: Curves) -> None:
 
 
 def felt_picture(seed: int) -> None:
-    """Draw the errors of the friction laws in JND: median, and up to the 95th percentile."""
+    """Draw the errors of the friction laws as felt: median, and up to the 95th percentile."""
     laws = [
         condition
         for condition in CONDITIONS
@@ -551,14 +555,15 @@ def felt_picture(seed: int) -> None:
         panels = figure.subplots(1, 3, sharey=True)
         for axes, at, error in zip(panels, range(3), ("static", "step", "chatter"), strict=True):
             for row, condition in enumerate(laws):
-                found = in_jnd(condition.law, condition.vibration_law, condition.dead_time, seed)[
+                found = as_felt(condition.law, condition.vibration_law, condition.dead_time, seed)[
                     :, at
                 ]
                 middle, most = np.nanquantile(found, (0.5, 0.95), method="inverted_cdf")
                 axes.plot([0.0, most], [row, row], color=INK, lw=1.0)
                 axes.plot(middle, row, "o", color=RED)
-            axes.axvline(1.0, color=INK, lw=0.8, ls=":")
-            axes.set(xlabel=f"{error} (JND)", xlim=(0, 4))
+            threshold, unit = (VIBRATION, "µm") if error == "chatter" else (1.0, "JND")
+            axes.axvline(threshold, color=INK, lw=0.8, ls=":")
+            axes.set(xlabel=f"{error} ({unit})", xlim=(0, 4 * threshold))
         panels[0].set_yticks(
             range(len(laws)), [condition.name.replace("`", "") for condition in laws]
         )
