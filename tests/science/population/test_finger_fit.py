@@ -151,6 +151,7 @@ def held(fit: FingerFit, subject: Subject) -> dict[str, bool]:
 
 
 @pytest.mark.long
+@pytest.mark.timeout(3600)  # 10 to 60 s a finger
 def test_thirty_fingers_are_inside_their_95_percent_limits() -> None:
     """Of the numbers that are told; a fit that leaves too much tells none."""
     run = compiled(ridden)
@@ -167,7 +168,7 @@ def test_thirty_fingers_are_inside_their_95_percent_limits() -> None:
         for name, inside in held(fit, subject).items():
             if fit.numbers[name].told:
                 told[name].append(inside)
-    assert refused <= 2
+    assert refused <= 1
     fitted = FINGERS - refused
     missed = {name: inside.count(False) for name, inside in told.items()}
     assert {name: count for name, count in missed.items() if count > FINGERS - ENOUGH} == {}
