@@ -107,6 +107,11 @@ class Summary(NamedTuple):
     """Number of rows in which a limit of voltage, amplitude or frequency was in the way."""
 
 
+def channel_name(name: str) -> str:
+    """Return the name of an object as a channel of a recording, and of a file of the panel."""
+    return _NAMES.get(name, name)
+
+
 def require_h5py() -> None:
     """Raise BenchError if h5py is missing; called before a recording begins."""
     if find_spec("h5py") is None:
@@ -283,7 +288,7 @@ class _Columns:
         self._times = {name: _growing(file, name, "i8") for name in ("tick", "run", "host_time_ns")}
         group = file.create_group("channels", track_order=True)
         self._values = {
-            name: _growing(group, _NAMES.get(name, name), _dtype(od[name])) for name in channels
+            name: _growing(group, channel_name(name), _dtype(od[name])) for name in channels
         }
 
     def append(self, rows: Rows) -> None:
@@ -552,7 +557,7 @@ def _read(path: Path, file: UntrustedFile) -> RecordedData:
     for stored_name, data in file.members("channels"):
         if data.shape != (rows,):
             raise ValueError(f"{data.name} has the shape {data.shape} beside {rows} ticks")
-        name = _NAMES.get(stored_name, stored_name)
+        name = channel_name(stored_name)
         scale, units[name] = current(str(file.attributes(data)["units"]))
         channels[name] = file.numbers(data) if scale == 1.0 else file.numbers(data) * scale
     if current is _current_1 and {"cof", "position_mm"} <= channels.keys():

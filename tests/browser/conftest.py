@@ -81,6 +81,8 @@ class Tab:
         """Click the button with a text; it takes commands once the page drives."""
         button = self.driver.find_element(By.XPATH, f"//button[text()='{text}']")
         self.until(button.is_enabled)
+        # Not below the header, which stays at the top.
+        self.driver.execute_script("arguments[0].scrollIntoView({block: 'nearest'})", button)
         button.click()
 
     def enter(self, name: str, value: str) -> None:
@@ -112,6 +114,39 @@ class Tab:
         """Move the mouse to the middle of an element's height, x pixels right of its left edge."""
         mouse = ActionChains(self.driver, duration=0)
         mouse.move_to_element_with_offset(element, x - element.size["width"] // 2, 0).perform()
+
+    def touch(self, element: WebElement, shares: list[float]) -> None:
+        """Touch an element at shares of its width, one after the other; lift if there are none."""
+        box = self.driver.execute_script(
+            "arguments[0].scrollIntoView({block: 'center'}); "
+            "return arguments[0].getBoundingClientRect().toJSON()",
+            element,
+        )
+        if not shares:
+            self._touch("touchEnd", [])
+        for number, share in enumerate(shares):
+            at = {"x": box["x"] + share * box["width"], "y": box["y"] + box["height"] / 2}
+            self._touch("touchMove" if number else "touchStart", [at])
+
+    def _touch(self, kind: str, points: list[dict[str, float]]) -> None:
+        self.driver.execute_cdp_cmd(
+            "Input.dispatchTouchEvent", {"type": kind, "touchPoints": points}
+        )
+
+    @contextmanager
+    def of_width(self, width: int, scheme: str) -> Iterator[None]:
+        """Give the page a width in pixels, and a colour scheme, during a block."""
+        feature = {"name": "prefers-color-scheme", "value": scheme}
+        size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 600}
+        self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+        self.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [feature]})
+        self.driver.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": width < 600})
+        try:
+            yield
+        finally:
+            self.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+            self.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+            self.driver.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": False})
 
     def press_space(self) -> None:
         ActionChains(self.driver).send_keys(" ").perform()

@@ -22,6 +22,7 @@ from selenium.webdriver.support.ui import Select
 
 from smarttac_can.bench.link import RECORDED, Row
 from smarttac_can.bench.panel.instrument import SimulatedBench
+from smarttac_can.bench.traces import COLUMNS
 
 FIRST_USE_S = 30.0
 STOPS = 20
@@ -47,7 +48,7 @@ CanvasRenderingContext2D.prototype.fillText = function (said, ...place) {
 `words` hold what is written into which chart."""
 
 UNCONFIRMED = "STOP IS NOT CONFIRMED: cut the supply of the power stage."
-LIVE = {"mode", "flags", "top", "charts", "readings", "answer", "driving"}
+LIVE = {"mode", "flags", "channels", "top", "charts", "readings", "message", "answer", "driving"}
 DIMMED = """
 return [...document.querySelectorAll("*")].filter(e => getComputedStyle(e).filter !== "none")
   .map(e => e.id)
@@ -111,6 +112,77 @@ def test_a_person_begins_with_the_command(tmp_path: Path) -> None:
         assert (status, complaint) == (0, "")
 
 
+OVERLAPS = """
+const shown = e => e.checkVisibility() && !e.closest(".unseen") && e.getClientRects().length;
+const boxes = [...document.querySelectorAll("header, header > *, main > *, button, input, " +
+  "select, canvas, .channel, .channel > *, label > *, #driving > section, #device, " +
+  "#readings > div")].filter(shown);
+const name = e => e.id || e.className || e.textContent.slice(0, 20) || e.tagName;
+const faults = [], width = document.documentElement.clientWidth;
+if (document.documentElement.scrollWidth > width) faults.push("the page is wider than its window");
+boxes.forEach((a, rank) => {
+  const A = a.getBoundingClientRect();
+  if (A.left < -.5 || A.right > width + .5) faults.push(`${name(a)} is cut by the window`);
+  if (a.scrollWidth > a.clientWidth + 1 && a.matches(".channel > *, button, header > *, label > *"))
+    faults.push(`${name(a)} is cut: ${a.scrollWidth} of ${a.clientWidth} px`);
+  for (const b of boxes.slice(rank + 1)) {
+    if (a.contains(b) || b.contains(a) || a.tagName === "HEADER" || a.closest("header")) continue;
+    const B = b.getBoundingClientRect();
+    if (Math.min(A.right, B.right) - Math.max(A.left, B.left) > 1 &&
+        Math.min(A.bottom, B.bottom) - Math.max(A.top, B.top) > 1)
+      faults.push(`${name(a)} overlaps ${name(b)}`);
+  }
+});
+return faults;
+"""
+"""Returns what is cut or overlaps on the page."""
+STOP_IS_ON_TOP = """
+const button = document.getElementById("stop"), box = button.getBoundingClientRect(), edge = 4;
+const corners = [box.left + edge, box.right - edge].flatMap(x =>
+  [box.top + edge, box.bottom - edge].map(y => [x, y]));
+return box.width > 60 && box.height > 40 &&
+  corners.every(([x, y]) => button.contains(document.elementFromPoint(x, y)));
+"""
+
+
+@pytest.mark.parametrize("width", [360, 800, 1400, 2560])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_panel_fits_any_width_with_stop_whole_and_on_top(
+    browser: Tab, width: int, scheme: str
+) -> None:
+    with served(SimulatedBench()) as url, browser.of_width(width, scheme):
+        browser.open(url)
+        browser.click("Strokes by itself")
+        browser.click("friction")
+        browser.until(lambda: browser.values().get("Contact.COF"))
+        run = browser.driver.execute_script
+        assert run(OVERLAPS) == []
+        assert run("return document.getElementById('plate').clientWidth") >= 0.85 * min(width, 400)
+        browser.picture(f"{width}-{scheme}")
+        browser.click("a gauge is stuck")
+        browser.until(lambda: browser.text("state") == "fault")
+        assert run(OVERLAPS) == []
+        for share in (0.0, 0.5, 1.0):
+            run(f"scrollTo(0, {share} * document.documentElement.scrollHeight)")
+            assert run(STOP_IS_ON_TOP)
+        dark = "rgb(14, 19, 24)"
+        ground = run("return getComputedStyle(document.documentElement).backgroundColor")
+        assert (ground == dark) == (scheme == "dark")
+
+
+def test_a_phone_strokes_by_touch(browser: Tab) -> None:
+    bench = SimulatedBench()
+    with served(bench) as url, browser.of_width(360, "light"):
+        browser.open(url)
+        browser.click("friction")
+        plate = browser.driver.find_element(By.ID, "plate")
+        browser.touch(plate, [0.4, 0.5, 0.6])
+        browser.until(lambda: browser.values().get("Contact.Position", 0.0) > 2.0)
+        assert browser.driver.execute_script("return scrollY") >= 0.0
+        browser.touch(plate, [])
+        browser.until(lambda: "Contact.Position" not in browser.values())
+
+
 def test_charts_move_pause_and_are_saved(browser: Tab) -> None:
     with served(SimulatedBench()) as url:
         browser.open(url)
@@ -133,9 +205,8 @@ def test_charts_move_pause_and_are_saved(browser: Tab) -> None:
         assert drawn()[2:] == held[2:]
         browser.click("Go on")
         lines = browser.driver.execute_script("return csv()").splitlines()
-        assert lines[0].startswith(
-            "time (s),Contact.COF,Contact.COF reference,Vibration.Amplitude (um)"
-        )
+        lines = [line for line in lines if line[0] != "#"]
+        assert lines[0].startswith("time_s,cof,cof_reference,tangential_force_n,normal_force_n,")
         times = [float(line.partition(",")[0]) for line in lines[1:]]
         assert times[0] == 0.0
         assert all(a < b for a, b in pairwise(times))
@@ -154,8 +225,14 @@ def test_charts_move_pause_and_are_saved(browser: Tab) -> None:
         assert end - begin == pytest.approx(38.4)
         assert begin == pytest.approx(held[0])
         browser.click("60 s")
-        head, *rows = browser.saved("CSV").decode().splitlines()
-        assert head.endswith(",Contact.Position (mm)")
+        lines = browser.saved("CSV").decode().splitlines()
+        facts = [line for line in lines if line.startswith("# ")]
+        assert facts[0] == "# format: SMARTTAC panel 1"
+        assert "# instrument: a simulated bench" in facts
+        head, *rows = lines[len(facts) :]
+        assert set(head.split(",")) >= {
+            column.name for column in COLUMNS if column.name != "status"
+        }
         assert len(rows) > 5
         assert all(row.count(",") == head.count(",") for row in rows)
         picture = browser.saved("PNG")
@@ -214,26 +291,30 @@ def test_panel_shows_the_laws_and_texture_in_force(browser: Tab) -> None:
             chosen = Select(browser.driver.find_element(By.ID, name)).first_selected_option
             return chosen.text
 
-        for name, before, after in (
-            ("law", "measured", "predictive"),
-            ("vibration", "pi", "scheduled"),
-            ("slot", "1: square, 10 mm", "2: sine, 20 mm"),
+        for name, before, after, done in (
+            ("law", "Measured", "Predictive", "friction law predictive"),
+            ("vibration", "PI", "Scheduled", "vibration law scheduled"),
+            ("slot", "1: square, 10 mm", "2: sine, 20 mm", "texture 2"),
         ):
             browser.until(lambda: shown(name) == before)  # noqa: B023
             Select(browser.driver.find_element(By.ID, name)).select_by_visible_text(after)
-            browser.until(lambda: browser.text("answer").startswith(f"done: {name} "))  # noqa: B023
+            browser.until(lambda: browser.text("answer") == f"done: {done}")  # noqa: B023
             browser.until(lambda: shown(name) == after)  # noqa: B023
         browser.open(url)
         browser.until(lambda: shown("slot") == "2: sine, 20 mm")
-        assert shown("law") == "predictive"
+        assert shown("law") == "Predictive"
 
 
-def test_a_page_of_an_older_panel_says_so(browser: Tab) -> None:
+def test_a_wrong_token_is_told_from_none(browser: Tab) -> None:
     with served(SimulatedBench()) as url:
         browser.driver.get("about:blank")
         browser.driver.get(url.replace("secret", "older"))
-        browser.until(lambda: "wrong token. Open the address" in browser.text("alarm"))
+        browser.until(lambda: "The token in this address is not that of" in browser.text("alarm"))
         assert browser.text("state") == "no connection"
+        browser.open(url.partition("#")[0])
+        browser.until(lambda: "its address has no token" in browser.text("alarm"))
+        assert browser.text("state") == "ready"
+        assert not browser.driver.find_element(By.ID, "stop").is_displayed()
 
 
 def test_a_fault_shows_and_is_reset(browser: Tab) -> None:
@@ -257,7 +338,32 @@ def test_a_fault_shows_and_is_reset(browser: Tab) -> None:
         browser.until(lambda: browser.text("state") == "ready")
         assert not browser.text("alarm")
         browser.enter("amplitude", "99")
-        browser.until(lambda: "amplitude 99 um is above 3 um" in browser.text("answer"))
+        browser.until(lambda: "amplitude 99 µm is above 3 µm" in browser.text("answer"))
+
+
+def test_the_device_says_why_an_identification_was_refused(browser: Tab) -> None:
+    with served(SimulatedBench()) as url:
+        browser.open(url)
+        browser.click("Identify")
+        browser.until(lambda: browser.text("model").startswith("identified: gain "))
+        assert re.search(r"f0 433\d\d\.\d Hz, softening .* dead time 0 µs", browser.text("model"))
+        browser.click("Strokes by itself")
+        browser.until(lambda: browser.values().get("Contact.Normal force", 0.0) > 0.4)
+        browser.click("Identify")
+        refused = re.compile(r"identification refused: the plate is loaded with 0\.\d+ N")
+        browser.until(lambda: refused.fullmatch(browser.text("answer")))
+        assert refused.fullmatch(browser.text("model"))
+        assert browser.text("message").startswith("identification: the plate is loaded with")
+        browser.click("Tare")
+        browser.until(lambda: browser.text("answer").startswith("not tared: "))
+        browser.click("Mouse is the finger")
+        browser.click("Tare")
+        browser.until(lambda: browser.text("answer") == "done: tared")
+        browser.click("Arm")
+        browser.until(lambda: browser.text("state") == "armed")
+        assert browser.text("emergencies") == "none"
+        browser.click("a gauge is stuck")
+        browser.until(lambda: "node 32: a sensor is stuck" in browser.text("emergencies"))
 
 
 def test_the_space_bar_is_0_v_two_cycles_after_it_is_received(browser: Tab) -> None:

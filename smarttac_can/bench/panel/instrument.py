@@ -17,15 +17,27 @@ from time import monotonic
 from typing import Final, NamedTuple
 
 from smarttac_can.bench import Stimulator, Texture
-from smarttac_can.bench.link import Row
+from smarttac_can.bench.link import RECORDED, Row
 from smarttac_can.bench.simulation import open_guided_link
-from smarttac_can.bench.watch.commands import Operator, answered, obey
+from smarttac_can.bench.watch.commands import Operator, answered, in_words, obey
 from smarttac_can.bench.watch.listener import Listener
-from smarttac_can.bench.watch.watcher import PUBLISHED, READ, View, Watcher, view_of
+from smarttac_can.bench.watch.watcher import (
+    PUBLISHED,
+    READ,
+    READ_RARELY,
+    Emergency,
+    View,
+    Watcher,
+    view_of,
+)
+from smarttac_can.bench.watch.wording import identification
+from smarttac_can.canopen.od.cia import EmergencyCode
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.host.background import Background
 from smarttac_can.vocabulary.faults import PICKUP, PICKUP_Q, THERMOMETER, FaultKind
-from smarttac_can.vocabulary.meanings import FAULT_KIND
+from smarttac_can.vocabulary.meanings import FAULT_KIND, emergency_text
+from smarttac_can.vocabulary.states import IdentificationState, Mode
+from smarttac_can.vocabulary.watchdogs import WATCHDOGS, watchdogs_in
 
 LEASE_S: Final = 0.8
 """Time in s after which a silent page loses the right to drive; the heartbeat of a bench has 1
@@ -54,6 +66,31 @@ FAULTS: Final = tuple(_FAULTS)
 _TEXTURES: Final = ((10.0, 0.2, 0.35, "square"), (20.0, 0.2, 0.35, "sine"))
 """Period in mm, lowest and highest COF, and shape of the textures of a simulated bench."""
 _STROKE_WORDS: Final = 3
+_EMERGENCIES: Final = 6
+_STEPS: Final = 200
+"""Steps of which the extremes are kept: those of 2 s at least."""
+_DONE: Final = {
+    "hand": "the mouse is the finger",
+    "stroke": "the finger strokes by itself",
+    "mend": "what was broken is whole again",
+    "identify": "identification has begun",
+}
+_PANEL_WORDS: Final = {
+    "; .trace holds the recording": "",
+    "reset_fault()": "click Reset fault",
+    "disarm() first": "click STOP first",
+    "then tare()": "then click Tare",
+    "a script sets bench.texture first": "make a texture on this page first",
+}
+"""Calls that messages of the bench suggest, and what a person does on the page instead."""
+
+
+def in_panel_words(error: object) -> str:
+    """Return a message of the bench with what a person does on the page instead of calls."""
+    text = str(error)
+    for call, words in _PANEL_WORDS.items():
+        text = text.replace(call, words)
+    return text
 
 
 class Lease:
@@ -99,6 +136,28 @@ class Lease:
             return expired
 
 
+class Extremes:
+    """Least and greatest value of objects between two looks, in steps of the instrument."""
+
+    def __init__(self) -> None:
+        self._steps: deque[tuple[float, Mapping[str, tuple[float, float]]]] = deque(maxlen=_STEPS)
+
+    def add(self, at: float, step: Mapping[str, tuple[float, float]]) -> None:
+        """Add the extremes of a step that began at a time in s."""
+        self._steps.append((at, step))
+
+    def since(self, time: float) -> dict[str, tuple[float, float]]:
+        """Return the extremes of the steps that began after a time in s; safe in any thread."""
+        merged: dict[str, tuple[float, float]] = {}
+        for at, step in reversed(self._steps.copy()):
+            if at <= time:
+                break
+            for name, (low, high) in step.items():
+                known = merged.get(name, (low, high))
+                merged[name] = min(low, known[0]), max(high, known[1])
+        return merged
+
+
 class Seen(NamedTuple):
     """State of an instrument at one instant."""
 
@@ -133,6 +192,8 @@ class Instrument(Background, ABC):
         Last state; None at the beginning.
     answer
         Result of the last command.
+    extremes
+        Least and greatest values of the last steps.
     """
 
     simulated = False
@@ -144,6 +205,7 @@ class Instrument(Background, ABC):
         self.lease = Lease()
         self.seen: Seen | None = None
         self.answer = ""
+        self.extremes = Extremes()
         self._pause = pause
         self._over = False
         self._wake = threading.Event()
@@ -232,6 +294,9 @@ class SimulatedBench(Instrument):
             self._stimulator.texture = Texture.grating(period, low, high, shape=shape)
         self._stimulator.texture_slot = 1
         self._simulated_to: float | None = None
+        self._identifying = False
+        self._latched = 0
+        self._emergencies: deque[tuple[float, int]] = deque(maxlen=_EMERGENCIES)
 
     def guide(self, page: object, x_mm: float, force: float) -> None:
         """Guide the finger, if the page has the right to drive."""
@@ -247,11 +312,12 @@ class SimulatedBench(Instrument):
     def step(self, now: float) -> None:
         """Disarm if requested, else obey the next line; then simulate the elapsed time."""
         if self._begin_stop():
+            self._identifying = False
             self._stimulator.disarm()
         elif self._waiting:
             page, text = self._waiting.popleft()
             if self.lease.held_by(page):
-                self.answer = answered(partial(self._obey, text))
+                self.answer = answered(partial(self._obey, text), in_panel_words)
         if self._simulated_to is None:
             self._simulated_to = now
         cycles = min(round((now - self._simulated_to) / _CYCLE_S), _MOST_CYCLES)
@@ -259,13 +325,49 @@ class SimulatedBench(Instrument):
         self._simulated_to = now if slow else self._simulated_to + cycles * _CYCLE_S
         rows: list[Row] = []
         self._link.run(cycles, rows, self._stopping.is_set)
+        self.extremes.add(now, self._extremes_of(rows))
         self.seen = self._look(now)
+        if self._identifying:
+            self._follow_identification(self.seen.view)
+
+    def _extremes_of(self, rows: list[Row]) -> dict[str, tuple[float, float]]:
+        columns = dict(zip(RECORDED, zip(*rows, strict=True), strict=False))
+        found = {}
+        for name, unit in PUBLISHED.items():
+            # The COF is 0 where there is none.
+            values = [raw for raw in columns.get(name, ()) if raw or "COF" not in name]
+            if values:
+                size = self.od[name].unit.in_unit(unit)
+                found[name] = min(values) * size, max(values) * size
+        return found
 
     def _look(self, now: float) -> Seen:
         read = self._link.read
         seen = {name: read(name) for name in (*PUBLISHED, "Statusword", "Mode display")}
-        view = view_of(self.od, seen, {name: read(name) for name in READ})
-        return Seen(now, view, self._stops())
+        view = view_of(
+            self.od, seen, {name: read(name) for name in (*READ, *READ_RARELY, "Message")}
+        )
+        latched = read("Diagnosis.Latched")
+        self._note_emergencies(now, self._latched, latched)
+        self._latched = latched
+        emergencies = tuple(
+            Emergency(now - at, self.od.node_id, code, emergency_text(code))
+            for at, code in self._emergencies
+        )
+        return Seen(now, view._replace(emergencies=emergencies), self._stops())
+
+    def _note_emergencies(self, now: float, before: int, latched: int) -> None:
+        """Note the emergency messages that a node sends for faults that were latched or reset."""
+        for _ in watchdogs_in(before & ~latched):
+            self._emergencies.appendleft((now, EmergencyCode.RESET))
+        for watchdog in watchdogs_in(latched & ~before):
+            self._emergencies.appendleft((now, WATCHDOGS[watchdog].code))
+
+    def _follow_identification(self, view: View) -> None:
+        self.answer = identification(view.values, view.message)
+        if view.values["Model.State"] != IdentificationState.RUNNING:
+            self._identifying = False
+            self._stimulator.disarm()
 
     def _obey(self, text: str) -> str:
         name, *arguments = text.split() or [""]
@@ -282,9 +384,13 @@ class SimulatedBench(Instrument):
             self._break(text.partition(" ")[2])
         elif name == "mend" and not arguments:
             stimulator.set(FAULT_KIND, int(FaultKind.NONE))
+        elif name == "identify" and not arguments:
+            # Its cycles are those of the next steps, so that a stop is heard meanwhile.
+            stimulator.mode = Mode.IDENTIFY
+            self._identifying = True
         else:
             return obey(stimulator, text)
-        return f"done: {text.strip()}"
+        return f"done: {_DONE.get(name) or in_words(text)}"
 
     def _start_run(self) -> None:
         self._stimulator.disarm()
@@ -343,6 +449,7 @@ class BusInstrument(Instrument):
         answer = self._operator.step(now)
         if answer is not None:
             self.answer = answer
+        self.extremes.add(now, self._watcher.extremes())
         self.seen = Seen(now, self._watcher.view(now), self._stops())
 
     def _stops(self) -> bool:
@@ -352,7 +459,7 @@ class BusInstrument(Instrument):
         stimulator = self._stimulator
         if stimulator is None or not self.lease.held_by(page):
             return f"{text}: not done, its page does not drive"
-        return answered(partial(obey, stimulator, text))
+        return answered(partial(obey, stimulator, text), in_panel_words)
 
     def _go(self) -> None:
         try:

@@ -34,6 +34,9 @@ from aiohttp.http import HttpProcessingError
 
 from smarttac_can import __version__
 from smarttac_can.bench.panel.instrument import FAULTS, Instrument, Seen
+from smarttac_can.bench.recording_file import channel_name
+from smarttac_can.bench.watch.watcher import PUBLISHED
+from smarttac_can.bench.watch.wording import identification
 from smarttac_can.vocabulary.meanings import spoken
 from smarttac_can.vocabulary.states import Law, Mode, VibrationLaw
 
@@ -55,7 +58,7 @@ _DIGITS: Final = 6
 _FILES: Final = {
     "/": ("page.html", "text/html"),
     "/page.css": ("page.css", "text/css"),
-    "/page.js": ("page.js", "text/javascript"),
+    **{f"/{name}.js": (f"{name}.js", "text/javascript") for name in ("link", "draw", "page")},
 }
 _HEADERS: Final = {
     "Cache-Control": "no-store",
@@ -64,13 +67,23 @@ _HEADERS: Final = {
     "X-Content-Type-Options": "nosniff",
 }
 _SET_POINTS: Final = (
-    ("cof left", "Setpoint.COF left", ""),
-    ("cof right", "Setpoint.COF right", ""),
-    ("amplitude", "Setpoint.Amplitude", "um"),
-    ("voltage", "Setpoint.Voltage", "V"),
-    ("frequency", "Setpoint.Frequency", "Hz"),
-    ("boundary", "Setpoint.Boundary", "mm"),
+    ("cof left", "Setpoint.COF left", "", ("", "")),
+    ("cof right", "Setpoint.COF right", "", ("", "")),
+    ("amplitude", "Setpoint.Amplitude", "um", ("", "Limit.Amplitude")),
+    ("voltage", "Setpoint.Voltage", "V", ("", "Limit.Voltage")),
+    (
+        "frequency",
+        "Setpoint.Frequency",
+        "Hz",
+        ("Limit.Lowest frequency", "Limit.Highest frequency"),
+    ),
+    ("boundary", "Setpoint.Boundary", "mm", ("", "")),
 )
+"""Command, object, unit, and the objects that narrow its limits, of each set-point."""
+_CHANNELS: Final = (*(name for name in PUBLISHED), "Setpoint.Amplitude")
+"""Objects in the CSV file of the page."""
+_NO_MODES: Final = (Mode.OFF, Mode.IDENTIFY)
+"""Modes that are no button: STOP is the one, a step of the preparation the other."""
 _Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
@@ -82,6 +95,8 @@ class _Page:
         """Whether it has shown the token."""
         self.sent = 0
         self.seen = 0
+        self.shown_to = monotonic()
+        """Time in s of the state in its last update."""
         self.stops = 0
         self.stopped_at = 0.0
         """Time in s after its last stop was passed on."""
@@ -264,7 +279,7 @@ class Panel:
         """Return the first message, with everything that does not change."""
         instrument = self._instrument
         rows = []
-        for name, of_object, unit in _SET_POINTS:
+        for name, of_object, unit, limits in _SET_POINTS:
             entry = instrument.od[of_object]
             low, high, step = (
                 round(counts * entry.unit.in_unit(unit), _DIGITS)
@@ -278,6 +293,7 @@ class Panel:
                     "low": low,
                     "high": high,
                     "step": step,
+                    "limits": limits,
                 }
             )
         return {
@@ -286,7 +302,8 @@ class Panel:
             "simulated": instrument.simulated,
             "drives": instrument.drives,
             "set_points": rows,
-            "modes": [spoken(mode) for mode in Mode if mode is not Mode.OFF],
+            "modes": [spoken(mode) for mode in Mode if mode not in _NO_MODES],
+            "channels": [(channel_name(name), name) for name in _CHANNELS],
             "laws": [law.name.lower() for law in Law],
             "vibration_laws": [law.name.lower() for law in VibrationLaw],
             "textures": instrument.textures,
@@ -313,7 +330,14 @@ class Panel:
                 "flags": view.flags,
                 "faults": list(zip(view.latched, view.remedies, strict=True)),
                 "notes": view.notes,
+                "limited": list(view.limited.items()),
+                "message": view.message,
+                "model": identification(view.values, view.message),
                 "values": {name: round(value, _DIGITS) for name, value in view.values.items()},
+                "extremes": {
+                    name: (round(low, _DIGITS), round(high, _DIGITS))
+                    for name, (low, high) in instrument.extremes.since(page.shown_to).items()
+                },
                 "cycle_rate": view.cycle_rate and round(view.cycle_rate),
                 "peers": [(peer.name, peer.node_id, peer.nmt) for peer in view.peers],
                 "emergencies": [
@@ -323,6 +347,7 @@ class Panel:
                 "bus_load": None if instrument.simulated else round(view.bus_load, 4),
                 "frame_rate": view.frame_rate,
             }
+            page.shown_to = seen.at
         return update
 
     async def _close(self, _app: web.Application) -> None:

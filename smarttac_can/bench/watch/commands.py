@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Final
 
@@ -24,8 +24,29 @@ _USAGES: Final = {
     "vibration": "vibration NAME",
     "slot": "slot N",
     "reset": "reset",
+    "arm": "arm",
+    "tare": "tare",
+    "identify": "identify",
 }
 HINT: Final = ", ".join(_USAGES.values())
+_STEPS: Final[Mapping[str, Callable[[Stimulator], object]]] = {
+    "reset": Stimulator.reset_fault,
+    "arm": Stimulator.arm,
+    "tare": Stimulator.tare,
+    "identify": Stimulator.identify,
+}
+"""Steps without an argument."""
+_SPOKEN: Final = {
+    "cof": "COF",
+    "law": "friction law",
+    "vibration": "vibration law",
+    "slot": "texture",
+    "reset": "fault reset",
+    "arm": "armed at 0 V",
+    "tare": "tared",
+    "identify": "identified",
+}
+_UNITS: Final = {"amplitude": "um", "voltage": "V", "frequency": "Hz", "boundary": "mm"}
 _SIDES: Final = 2
 _STAYS: Final = "-"
 """Stands in a command for the COF of a side that does not change."""
@@ -44,7 +65,7 @@ def obey(stimulator: Stimulator, text: str) -> str:
     Returns
     -------
     str
-        Report of what was done.
+        Report of what was done, in words.
 
     Raises
     ------
@@ -62,8 +83,8 @@ def obey(stimulator: Stimulator, text: str) -> str:
         stimulator.vibration_law = arguments[0]
     elif name == "slot" and len(arguments) == 1 and arguments[0].isdecimal():
         stimulator.texture_slot = int(arguments[0])
-    elif name == "reset" and not arguments:
-        stimulator.reset_fault()
+    elif name in _STEPS and not arguments:
+        _STEPS[name](stimulator)
     elif name == "cof" and 1 <= len(arguments) <= _SIDES:
         present = stimulator.cof if _STAYS in arguments else (0.0, 0.0)
         values = [
@@ -77,7 +98,18 @@ def obey(stimulator: Stimulator, text: str) -> str:
         raise ValueError(f"{text.strip()!r} is not of the form: {_USAGES[name]}")
     else:
         raise ValueError(f"{text!r} is none of: {HINT}")
-    return f"done: {text.strip()}"
+    return f"done: {in_words(text)}"
+
+
+def in_words(text: str) -> str:
+    """Return a command as a person says it: ``COF right 0.2`` for ``cof - 0.2``."""
+    name, *arguments = text.split()
+    if name == "cof" and len(arguments) == _SIDES and _STAYS in arguments:
+        side = arguments.index(_STAYS)
+        return f"COF {('right', 'left')[side]} {arguments[1 - side]}"
+    unit = _UNITS.get(name, "") if len(arguments) == 1 else ""
+    spoken = _SPOKEN.get(name, name)
+    return " ".join([spoken, *arguments, *([unit] if unit else [])]).replace("_", " ")
 
 
 def _given(text: str) -> float | str:

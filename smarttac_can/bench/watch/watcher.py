@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from smarttac_can.bench.link import PUBLIC, PublishedPdo, published_pdos
+from smarttac_can.bench.watch.wording import limits_in_the_way
 from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.device.nmt import STATES, NMTState, state_text
 from smarttac_can.canopen.master import requests
@@ -52,6 +53,25 @@ READ: Final = {
     "Cycle.Surplus measurements": "",
 }
 """Objects in no default TPDO, which are read by SDO in turn, with the units for showing them."""
+READ_RARELY: Final = {
+    "Limit.Voltage": "V",
+    "Limit.Amplitude": "um",
+    "Limit.Lowest frequency": "Hz",
+    "Limit.Highest frequency": "Hz",
+    "Limit.Amplitude by drive": "um",
+    "Limit.Normal force": "N",
+    "Limit.Lateral force": "N",
+    "Limit.Temperature": "degC",
+    "Model.State": "",
+    "Model.Progress": "",
+    "Model.Gain per volt": "nm",
+    "Model.Tau": "us",
+    "Model.Resonance": "Hz",
+    "Model.Softening": "Hz/um",
+    "Controller.Dead time": "us",
+}
+"""Objects that change in no run: one of them is read after `_OFTEN` others."""
+_OFTEN: Final = 3
 FORGOTTEN_S: Final = 5.0
 """Time in s for which a value read by SDO is shown."""
 _EMERGENCIES: Final = 6
@@ -107,8 +127,12 @@ class Watcher:
         self._published = PublishedValues(stimulator)
         self._reader: SdoReader | None = None
         if reads:
-            wanted = [stimulator[name] for name in READ]
-            self._reader = SdoReader(stimulator.node_id, mapping_entries(stimulator), wanted)
+            self._reader = SdoReader(
+                stimulator.node_id,
+                mapping_entries(stimulator),
+                [stimulator[name] for name in (*READ, "Message")],
+                [stimulator[name] for name in READ_RARELY],
+            )
         self._remapped = False
         self._load = LoadMeter(bit_rate)
         self._emergencies: deque[tuple[float, int, int]] = deque(maxlen=_EMERGENCIES)
@@ -185,6 +209,14 @@ class Watcher:
             frame_rate=rate,
         )
 
+    def extremes(self) -> dict[str, tuple[float, float]]:
+        """Return the least and greatest value of objects of `PUBLISHED` since the last call."""
+        found = {}
+        for name, (low, high) in self._published.taken_extremes().items():
+            size = self._od[name].unit.in_unit(PUBLISHED[name])
+            found[name] = low * size, high * size
+        return found
+
     def _notes(self, now: float) -> Iterator[str]:
         if self.lost:
             yield f"the bus is lost ({self.lost}); it is opened again as soon as it is there"
@@ -205,7 +237,7 @@ class Watcher:
         if self._reader is not None and self._reader.silent:
             yield f"node {peer.node_id} does not answer SDO: set-points and counts are missing"
 
-    def _raw_read(self, now: float) -> dict[str, int]:
+    def _raw_read(self, now: float) -> dict[str, Any]:
         reader = self._reader
         if reader is None:
             return {}
@@ -273,7 +305,7 @@ class View(NamedTuple):
     flags: tuple[str, ...]
     """Names of the set bits of the statusword."""
     values: Mapping[str, float]
-    """Values by the name of the object, in the units of `PUBLISHED` and `READ`.
+    """Values by the name of the object, in the units of `PUBLISHED`, `READ` and `READ_RARELY`.
 
     The position, from the middle of the plate, and the COF are absent while the finger does not
     touch.
@@ -295,9 +327,13 @@ class View(NamedTuple):
     """Fraction of the last second in which the bus was busy, with the most stuff bits possible."""
     frame_rate: float = 0.0
     """Number of frames in the last second."""
+    limited: Mapping[str, str] = {}
+    """Limits that reduce the output, in words, by the object that each one acts on."""
+    message: str | None = None
+    """Message of the device; None if it is not known."""
 
 
-def view_of(od: ObjectDictionary, seen: Mapping[str, int], read: Mapping[str, int]) -> View:
+def view_of(od: ObjectDictionary, seen: Mapping[str, int], read: Mapping[str, Any]) -> View:
     """Return the view of raw values of a stimulator, as far as it follows from them.
 
     Parameters
@@ -308,13 +344,18 @@ def view_of(od: ObjectDictionary, seen: Mapping[str, int], read: Mapping[str, in
         Raw values by name, of published objects and of objects read by SDO.
     """
     latched = [WATCHDOGS[each] for each in watchdogs_in(read.get("Diagnosis.Latched", 0))]
+    values = _values(od, seen, PUBLISHED) | _values(od, read, READ | READ_RARELY)
+    mode = _mode(seen)
+    limited = seen.get("Statusword", 0) & Status.LIMITED
     return View(
         state=_state(seen),
-        mode=_mode(seen),
+        mode=mode,
         flags=tuple(spoken(flag) for flag in Status if seen.get("Statusword", 0) & flag),
-        values=_values(od, seen, PUBLISHED) | _values(od, read, READ),
+        values=values,
         latched=tuple(row.text.partition(":")[0] for row in latched),
         remedies=tuple(row.remedy for row in latched),
+        limited=limits_in_the_way(values, mode) if limited else {},
+        message=read.get("Message"),
     )
 
 
@@ -420,6 +461,7 @@ class PublishedValues:
         self._od = od
         self._pdos: dict[int, PublishedPdo] = {}
         self._ill: set[int] = set()
+        self._extremes: dict[str, tuple[int, int]] = {}
         self._since = 0.0
         self.remap({}, 0.0)
 
@@ -445,9 +487,22 @@ class PublishedValues:
             return False
         if pdo.take(frame.data, now):
             self._ill.discard(pdo.number)
+            self._extend(pdo)
         else:
             self._ill.add(pdo.number)
         return True
+
+    def _extend(self, pdo: PublishedPdo) -> None:
+        for name, raw in zip(pdo.names, pdo.values, strict=True):
+            # The COF is 0 where there is none.
+            if name in PUBLISHED and (raw or "COF" not in name):
+                low, high = self._extremes.get(name, (raw, raw))
+                self._extremes[name] = min(low, raw), max(high, raw)
+
+    def taken_extremes(self) -> dict[str, tuple[int, int]]:
+        """Return the least and greatest raw values, by name, since the last call."""
+        taken, self._extremes = self._extremes, {}
+        return taken
 
     def at(self, now: float) -> dict[str, int]:
         """Return the raw values, by name, that are recent at a time in s."""
@@ -487,7 +542,9 @@ class SdoReader:
     once
         Entries of 1 to 4 bytes to read first.
     again
-        Entries to read repeatedly.
+        Entries to read repeatedly: of 1 to 4 bytes, or a text.
+    rarely
+        Entries of which one is read after `_OFTEN` of the others.
 
     Attributes
     ----------
@@ -497,12 +554,21 @@ class SdoReader:
         Whether the last request was not answered.
     """
 
-    def __init__(self, node_id: int, once: Iterable[Entry], again: Iterable[Entry]) -> None:
+    def __init__(
+        self,
+        node_id: int,
+        once: Iterable[Entry],
+        again: Iterable[Entry],
+        rarely: Iterable[Entry] = (),
+    ) -> None:
         self._node_id = node_id
         self._once, self._again = list(once), list(again)
-        self.values: dict[Entry, tuple[float, int]] = {}
+        self._rarely = deque(rarely)
+        self._others = 0
+        self.values: dict[Entry, tuple[float, Any]] = {}
         self.silent = False
-        self._asked: tuple[Entry, Frame] | None = None
+        self._asked: requests.Upload | None = None
+        self._due: Frame | None = None
         self._next = 0.0
         self._deadline = 0.0
         self.restart()
@@ -510,7 +576,7 @@ class SdoReader:
     def restart(self) -> None:
         """Forget all values, and begin again with the first entry."""
         self.values.clear()
-        self._asked = None
+        self._asked = self._due = None
         self._open = set(self._once)
         self._turn = deque([*self._once, *self._again])
 
@@ -523,41 +589,56 @@ class SdoReader:
         """Handle any frame, also a request of another client; return whether it is an answer."""
         if frame.can_id == cia.SDO_RX_ID + self._node_id:
             self._next = now + YIELD_S
+            if self._asked is not None and self._asked.in_segments:
+                # The server has ended this transfer for that of the other client.
+                self._done(self._asked.entry)
+                self._due = None
             return False
-        if self._asked is None or not requests.answers(frame, self._asked[1]):
+        asked = self._asked
+        if asked is None or not requests.answers(frame, asked.request):
             return False
-        entry = self._asked[0]
-        self._done(entry)
         self.silent = False
-        self._next = max(self._next, now + PAUSE_S)
+        self._deadline = now + TIMEOUT_S
         try:
-            self.values[entry] = now, int(requests.value(frame, entry))
+            if not asked.take(frame):
+                self._due = asked.request
+                return False
+            self.values[asked.entry] = now, asked.raw
         except Abort:
-            self.values.pop(entry, None)
+            self.values.pop(asked.entry, None)
+        self._done(asked.entry)
+        self._next = max(self._next, now + PAUSE_S)
         return True
 
     def request(self, now: float) -> Frame | None:
         """Return the request that is due at a time in s, or None."""
         if self._asked is not None:
-            if now < self._deadline:
-                return None
+            if self._due is not None or now < self._deadline:
+                due, self._due = self._due, None
+                return due
             self.silent = True
-            self._turn.appendleft(self._asked[0])
+            if self._asked.entry not in self._rarely:
+                self._turn.appendleft(self._asked.entry)
             self._asked = None
             self._next = now + TIMEOUT_S
         if now < self._next or not self._turn:
             return None
-        entry = self._turn.popleft()
-        frame = requests.upload(self._node_id, entry)
-        self._asked = entry, frame
+        if self._rarely and self.begun and self._others >= _OFTEN:
+            self._others = 0
+            self._rarely.rotate(-1)
+            entry = self._rarely[-1]
+        else:
+            self._others += 1
+            entry = self._turn.popleft()
+        self._asked = requests.Upload(self._node_id, entry)
         self._deadline = now + TIMEOUT_S
-        return frame
+        return self._asked.request
 
     def _done(self, entry: Entry) -> None:
         self._asked = None
         if entry in self._open:
             self._open.discard(entry)
-        else:
+        elif entry not in self._rarely:
             self._turn.append(entry)
 
 

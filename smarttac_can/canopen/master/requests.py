@@ -9,13 +9,16 @@ from typing import Any, Final, NamedTuple
 from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.device.nmt import NMTState
 from smarttac_can.canopen.od import cia
-from smarttac_can.canopen.od.cia import Abort
+from smarttac_can.canopen.od.cia import Abort, AbortCode
 from smarttac_can.canopen.od.data_types import pack, unpack
 from smarttac_can.canopen.od.entry import MAX_BYTES, Entry
 
 _UPLOAD: Final = 0x40
 _READS: Final = 2
 """Command specifier of a request that initiates an upload."""
+_UPLOAD_SEGMENT: Final = 0x60
+_IS_EXPEDITED: Final = 0x02
+"""Bit in the answer to an initiated upload that marks its data as complete."""
 _DOWNLOAD: Final = 0x23
 _DOWNLOADED: Final = 0x60
 ABORT: Final = 0x80
@@ -258,6 +261,67 @@ def value(answer: Frame, entry: Entry) -> Any:
     if command == _DOWNLOADED:
         return None
     return unpack(entry.data_type, data[: cia.EXPEDITED_BYTES - (command >> 2 & 3)])
+
+
+class Upload:
+    """Read of an entry of any length, expedited or in segments.
+
+    Parameters
+    ----------
+    node_id
+        Node-ID of the server.
+    entry
+        Entry to read.
+
+    Attributes
+    ----------
+    request
+        Request to send: the first one, and the next one after each answer that `take` returns False
+        for.
+    raw
+        Raw value; None until it is complete.
+    """
+
+    def __init__(self, node_id: int, entry: Entry) -> None:
+        self._node_id, self.entry = node_id, entry
+        self.request = upload(node_id, entry)
+        self.raw: Any = None
+        self._data = b""
+        self._segments = 0
+
+    @property
+    def in_segments(self) -> bool:
+        """Whether a segment was requested."""
+        return self._segments > 0
+
+    def take(self, answer: Frame) -> bool:
+        """Handle the answer to the request; return whether the value is complete.
+
+        Raises
+        ------
+        Abort
+            If the node refuses, the toggle bit is wrong, or the value does not suit the type of the
+            entry.
+        """
+        command, data = answer.data[0], answer.data[1:]
+        if not self._segments and (command == ABORT or command & _IS_EXPEDITED):
+            self.raw = value(answer, self.entry)
+            return True
+        if command == ABORT:
+            raise Abort(int.from_bytes(data[3:], "little"))
+        if self._segments:
+            if command >> 4 & 1 != (self._segments - 1) % 2:
+                raise Abort(AbortCode.TOGGLE)
+            self._data += data[: _SEGMENT - (command >> 1 & _SEGMENT)]
+            if command & 1 or len(self._data) > MAX_BYTES:
+                self.raw = unpack(self.entry.data_type, self._data)
+                return True
+        toggle = self._segments % 2 << 4
+        self._segments += 1
+        self.request = Frame(
+            cia.SDO_RX_ID + self._node_id, bytes((_UPLOAD_SEGMENT | toggle, *bytes(_SEGMENT)))
+        )
+        return False
 
 
 def _request(node_id: int, command: int, entry: Entry, data: bytes) -> Frame:

@@ -14,6 +14,7 @@ from nodes_on_a_bus import GUARD_S
 
 from smarttac_can.bench.panel.instrument import Instrument
 from smarttac_can.bench.panel.server import Panel, serve
+from smarttac_can.bench.watch.commands import in_words
 
 HEARTBEAT_S = 1.0
 """Time of the heartbeat of a bench, in which a driver that is gone must be missed."""
@@ -59,7 +60,7 @@ class Page:
     async def line(self, text: str) -> None:
         """Have a line obeyed."""
         await self.send(do="line", text=text)
-        await self.until(lambda: self.now.get("answer") == f"done: {text}")
+        await self.until(lambda: self.now.get("answer") == f"done: {in_words(text)}")
 
     async def run_open_loop(self) -> None:
         """Drive the plate with 40 V."""

@@ -167,7 +167,7 @@ def test_lines_are_obeyed_in_their_order_and_few_wait(by_hand: ByHand) -> None:
         by_hand.bench.command(ME, text)
     assert by_hand.bench.answer == "voltage 10: not done, wait for what is being done"
     by_hand.go_on(0.1)
-    assert by_hand.bench.answer == "done: voltage 20"
+    assert by_hand.bench.answer == "done: voltage 20 V"
     assert voltage(by_hand.bench) == 20.0
 
 
@@ -191,11 +191,11 @@ def test_panel_finger_follows_its_driver_and_lifts_without_it(by_hand: ByHand) -
 def test_a_stroke_and_the_hand_begin_new_runs_at_0_v(by_hand: ByHand) -> None:
     by_hand.line("voltage 40")
     by_hand.line("mode open_loop")
-    assert by_hand.line("stroke 2 0.6 80") == "done: stroke 2 0.6 80"
+    assert by_hand.line("stroke 2 0.6 80") == "done: the finger strokes by itself"
     assert by_hand.state != "running"
     by_hand.go_on(1.0)
     assert by_hand.value("Contact.Normal force") == pytest.approx(0.6, abs=0.03)
-    assert by_hand.line("hand") == "done: hand"
+    assert by_hand.line("hand") == "done: the mouse is the finger"
     by_hand.go_on(0.3)
     assert by_hand.value("Contact.Normal force") == pytest.approx(0.0, abs=0.02)
 
@@ -217,7 +217,7 @@ def test_panel_failure_is_0_v_with_its_reason(by_hand: ByHand, fault: str) -> No
     by_hand.line("mend")
     for _ in range(30):  # 3 s at most
         by_hand.go_on(0.1)
-        if by_hand.line("reset") == "done: reset":
+        if by_hand.line("reset") == "done: fault reset":
             break
     assert by_hand.state == "ready"
 
@@ -242,14 +242,57 @@ def test_nonsense_is_answered(by_hand: ByHand, text: str, answer: str) -> None:
 
 
 def test_laws_and_textures_are_chosen(by_hand: ByHand) -> None:
-    assert by_hand.line("law predictive") == "done: law predictive"
-    assert by_hand.line("vibration predictive") == "done: vibration predictive"
-    assert by_hand.line("slot 2") == "done: slot 2"
+    assert by_hand.line("law predictive") == "done: friction law predictive"
+    assert by_hand.line("vibration predictive") == "done: vibration law predictive"
+    assert by_hand.line("slot 2") == "done: texture 2"
     assert by_hand.value("Friction law") == Law.PREDICTIVE
     assert by_hand.value("Controller.Vibration law") == VibrationLaw.PREDICTIVE
     assert by_hand.value("Texture.Slot") == 2
     assert by_hand.line("mode texture") == "done: mode texture"
     assert by_hand.state == "running"
+
+
+def test_a_stop_ends_an_identification(by_hand: ByHand) -> None:
+    by_hand.line("identify")
+    assert by_hand.state == "running"
+    by_hand.bench.stop()
+    by_hand.go_on(0.1)
+    assert by_hand.state == "ready"
+    assert by_hand.bench.answer == "stop"
+
+
+def test_panel_names_the_limit_that_is_in_the_way(by_hand: ByHand) -> None:
+    by_hand.line("voltage 150")
+    by_hand.line("mode open_loop")
+    by_hand.go_on(0.1)
+    assert by_hand.bench.seen is not None
+    assert by_hand.bench.seen.view.limited == {
+        "Vibration.Voltage": "cut: the bare plate reaches its limit of 3 um"
+    }
+    assert voltage(by_hand.bench) == pytest.approx(60.0)
+
+
+def test_extremes_of_a_page_are_those_since_its_last_update(by_hand: ByHand) -> None:
+    by_hand.line("voltage 40")
+    by_hand.line("mode open_loop")
+    since = by_hand.now
+    by_hand.bench.stop()
+    by_hand.go_on(0.1)
+    assert by_hand.bench.extremes.since(since)["Vibration.Voltage"] == (0.0, 0.0)
+    assert by_hand.bench.extremes.since(since - 0.03)["Vibration.Voltage"] == (0.0, 40.0)
+
+
+def test_emergencies_of_a_simulated_bench_are_those_of_a_node(by_hand: ByHand) -> None:
+    by_hand.line("mode friction")
+    by_hand.line("break a gauge is stuck")
+    by_hand.go_on(0.5)
+    by_hand.line("mend")
+    by_hand.go_on(0.3)
+    assert by_hand.line("reset") == "done: fault reset"
+    assert by_hand.bench.seen is not None
+    newest, *_, oldest = by_hand.bench.seen.view.emergencies
+    assert (oldest.node_id, oldest.text) == (32, "a sensor is stuck")
+    assert (newest.code, newest.text) == (0, "error reset or no error")
 
 
 def test_the_vibration_is_shown_in_its_plane(by_hand: ByHand) -> None:

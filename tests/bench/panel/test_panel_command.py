@@ -26,6 +26,7 @@ from open_pages import Browser, Page
 
 from smarttac_can.bench import BenchError, Stimulator
 from smarttac_can.bench.panel.instrument import BusInstrument
+from smarttac_can.bench.watch.commands import in_words
 from smarttac_can.instrument.nodes.stimulator_node import StimulatorNode
 from smarttac_can.vocabulary.states import Law, Mode
 
@@ -244,7 +245,7 @@ def test_panel_command_ends_at_0_v_when_its_instrument_fails(
         instrument.lease.take(self := object(), monotonic() + GUARD_S)
         for text in ("voltage 20", "mode open_loop"):
             instrument.command(self, text)
-            while instrument.alive and instrument.answer != f"done: {text}":
+            while instrument.alive and instrument.answer != f"done: {in_words(text)}":
                 await asyncio.sleep(0.01)
 
     monkeypatch.setattr(BusInstrument, "step", fails_while_driving)

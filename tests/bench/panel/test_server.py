@@ -37,7 +37,7 @@ def test_panel_page_shows_the_state_of_the_instrument() -> None:
             text = await answer.text()
             assert "frame-ancestors 'none'" in answer.headers["Content-Security-Policy"]
         assert 'src="page.js"' in text
-        for name in ("page.js", "page.css"):
+        for name in ("link.js", "draw.js", "page.js", "page.css"):
             async with browser.session.get(f"{browser.url}/{name}") as answer:
                 assert "http://" not in (await answer.text()).replace("http://localhost", "")
         async with browser.page() as page:
@@ -49,6 +49,7 @@ def test_panel_page_shows_the_state_of_the_instrument() -> None:
                 "low": 0.0,
                 "high": 3.0,
                 "step": 0.001,
+                "limits": ["", "Limit.Amplitude"],
             }
             await page.until(lambda: page.now.get("state") == "ready")
             assert not page.now["drives"]
@@ -103,7 +104,7 @@ def test_without_the_token_nothing_is_driven_or_stopped() -> None:
             await other.send(do="release")
             await asyncio.sleep(0.3)
             assert voltage(bench) == 40.0
-            assert driver.now["answer"] == "done: mode open_loop"
+            assert driver.now["answer"] == "done: mode open loop"
             assert not other.now["drives"]
 
     bench = SimulatedBench()

@@ -20,7 +20,7 @@ from textual.widgets import Input, Static
 
 from smarttac_can.bench import BenchError, Stimulator
 from smarttac_can.bench.simulation import stimulator_od
-from smarttac_can.bench.watch.commands import HINT, obey
+from smarttac_can.bench.watch.commands import HINT, in_words, obey
 from smarttac_can.bench.watch.listener import Listener
 from smarttac_can.bench.watch.screen import WatchScreen
 from smarttac_can.bench.watch.watcher import Watcher
@@ -104,7 +104,7 @@ def test_it_drives_and_stops(virtual: dict[str, Any], node: StimulatorNode) -> N
     async def script(pilot: Pilot[None], screen: WatchScreen) -> None:
         await until(pilot, screen, "state ready")
         enter(screen, "amplitude 1.2")
-        await until(pilot, screen, "done: amplitude 1.2")
+        await until(pilot, screen, "done: amplitude 1.2 um")
         enter(screen, "mode amplitude")
         await until(pilot, screen, "done: mode amplitude")
         await until(pilot, screen, "state running")
@@ -222,11 +222,11 @@ def test_a_device_does_not_write_to_the_terminal(
 def test_set_points_take_units_as_at_the_bench() -> None:
     with Stimulator.simulate("local") as bench:
         for text in ("boundary 5000 um", "voltage 0.02 kV", "amplitude 1.5", "cof 30% 0.4"):
-            assert obey(bench, text) == f"done: {text}"
+            assert obey(bench, text) == f"done: {in_words(text)}"
         assert (bench.boundary, bench.voltage, bench.amplitude) == pytest.approx((5, 20, 1.5))
         assert bench.cof == pytest.approx((0.3, 0.4))
-        assert obey(bench, "cof - 0.5") == "done: cof - 0.5"
-        assert obey(bench, "cof 0.2 -") == "done: cof 0.2 -"
+        assert obey(bench, "cof - 0.5") == "done: COF right 0.5"
+        assert obey(bench, "cof 0.2 -") == "done: COF left 0.2"
         assert bench.cof == pytest.approx((0.2, 0.5))
         obey(bench, "law predictive")
         obey(bench, "slot 3")

@@ -244,6 +244,30 @@ def test_a_node_that_is_not_started(scene: Scene) -> None:
     )
 
 
+WHY = "the plate is loaded with 0.49 N"
+
+
+def test_watcher_reads_the_message_in_segments(scene: Scene) -> None:
+    scene.start()
+    assert scene.watch(4.0).message == ""
+    scene.node.block.supervisor._message.value = WHY
+    assert scene.watch(2.0).message == WHY
+
+
+def test_watcher_leaves_a_message_to_the_transfer_of_another_client(scene: Scene) -> None:
+    """The next segment that it requests would be one of that transfer."""
+    scene.start()
+    scene.watch(4.0)
+    scene.node.block.supervisor._message.value = WHY
+    while scene.sent[-1].data[0] & 0x60 != 0x60:
+        scene.watch(0.01)
+    count = len(scene.sent)
+    scene.watcher.receive(scene.bus.time * 1e-6, Frame(SDO_REQUESTS, bytes((0x40, *bytes(7)))))
+    scene.watch(0.25)
+    assert len(scene.sent) == count
+    assert scene.watch(2.0).message == WHY
+
+
 def test_another_client_is_left_alone(scene: Scene) -> None:
     """A segmented transfer of another client lasts 30 ms a segment, and is not broken."""
     scene.start()
