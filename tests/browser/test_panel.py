@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import signal
 import struct
@@ -47,6 +48,7 @@ CanvasRenderingContext2D.prototype.fillText = function (said, ...place) {
 """Has `changed` return the columns of each chart, below its title, that differ from now on, and
 `words` hold what is written into which chart."""
 
+STUCK = "a gauge is stuck"
 UNCONFIRMED = "STOP IS NOT CONFIRMED: cut the supply of the power stage."
 LIVE = {"mode", "flags", "channels", "top", "charts", "readings", "message", "answer", "driving"}
 DIMMED = """
@@ -159,7 +161,7 @@ def test_panel_fits_any_width_with_stop_whole_and_on_top(
         assert run(OVERLAPS) == []
         assert run("return document.getElementById('plate').clientWidth") >= 0.85 * min(width, 400)
         browser.picture(f"{width}-{scheme}")
-        browser.click("a gauge is stuck")
+        browser.click(STUCK)
         browser.until(lambda: browser.text("state") == "fault")
         assert run(OVERLAPS) == []
         for share in (0.0, 0.5, 1.0):
@@ -168,6 +170,33 @@ def test_panel_fits_any_width_with_stop_whole_and_on_top(
         dark = "rgb(14, 19, 24)"
         ground = run("return getComputedStyle(document.documentElement).backgroundColor")
         assert (ground == dark) == (scheme == "dark")
+
+
+AXE_RUN = """
+const done = arguments[arguments.length - 1];
+const rules = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"];
+const summary = ({id, nodes}) =>
+  `${id}: ${nodes.map(({html, failureSummary}) => html + failureSummary).join("; ")}`;
+axe.run(document, {runOnly: rules}).then(({passes, violations}) =>
+  done([passes.map(({id}) => id), violations.map(summary)]));
+"""
+
+
+@pytest.mark.parametrize("width", [360, 1400])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_no_error_of_accessibility(browser: Tab, width: int, scheme: str) -> None:
+    """At rest, running, and with a fault; contrast is among the rules that have passed."""
+    if "AXE" not in os.environ:
+        pytest.fail("AXE is not set: tools/with-browser fetches it by npm, which is missing here")
+    with served(SimulatedBench()) as url, browser.of_width(width, scheme):
+        browser.open(url)
+        browser.driver.execute_script(Path(os.environ["AXE"]).read_text("utf-8"))
+        for button, state in (("Tare", "ready"), ("friction", "running"), (STUCK, "fault")):
+            browser.click(button)
+            browser.until(lambda: browser.text("state") == state)  # noqa: B023
+            passes, violations = browser.driver.execute_async_script(AXE_RUN)
+            assert violations == []
+            assert {"color-contrast", "label", "button-name", "target-size"} <= set(passes)
 
 
 def test_a_phone_strokes_by_touch(browser: Tab) -> None:
@@ -322,7 +351,7 @@ def test_a_fault_shows_and_is_reset(browser: Tab) -> None:
     with served(bench) as url:
         browser.open(url)
         browser.run_open_loop()
-        browser.click("a gauge is stuck")
+        browser.click(STUCK)
         wait_for_0_v(bench)
         browser.until(
             lambda: browser.text("alarm").startswith(
@@ -362,7 +391,7 @@ def test_the_device_says_why_an_identification_was_refused(browser: Tab) -> None
         browser.click("Arm")
         browser.until(lambda: browser.text("state") == "armed")
         assert browser.text("emergencies") == "none"
-        browser.click("a gauge is stuck")
+        browser.click(STUCK)
         browser.until(lambda: "node 32: a sensor is stuck" in browser.text("emergencies"))
 
 

@@ -43,7 +43,7 @@ def test_fetched_browser_is_found(tmp_path: Path) -> None:
 
 def test_where_it_cannot_be_had_it_fails_by_name(tmp_path: Path) -> None:
     done = run(tmp_path, "true")
-    begin = "with-browser: Debian's Chromium cannot be had: "
+    begin = "with-browser: the browser cannot be had: "
     assert (done.returncode, done.stdout) == (125, "")
     assert done.stderr.startswith(begin)
     assert "apt-get" in done.stderr
@@ -51,6 +51,16 @@ def test_where_it_cannot_be_had_it_fails_by_name(tmp_path: Path) -> None:
     done = run(tmp_path, "true")
     assert (done.returncode, done.stderr) == (125, f"{begin}E: no network\n")
     assert not list((tmp_path / "cache" / "smarttac-can").iterdir())
+
+
+def test_with_browser_refuses_another_axe_than_the_pinned_one(tmp_path: Path) -> None:
+    for name in ("chromium", "chromedriver"):
+        executable(tmp_path, name, "")
+    executable(tmp_path, "npm", 'echo another > "$3/axe-core-4.14.1.tgz"')
+    done = run(tmp_path, "true")
+    assert done.returncode == 125
+    assert "axe-core of npm has the SHA-256 " in done.stderr
+    assert not (tmp_path / "cache").exists()
 
 
 def test_help_is_its_own(tmp_path: Path) -> None:
