@@ -82,7 +82,7 @@ class Tab:
         button = self.driver.find_element(By.XPATH, f"//button[text()='{text}']")
         self.until(button.is_enabled)
         # Not below the header, which stays at the top.
-        self.driver.execute_script("arguments[0].scrollIntoView({block: 'nearest'})", button)
+        self.driver.execute_script("arguments[0].scrollIntoView({block: 'center'})", button)
         button.click()
 
     def enter(self, name: str, value: str) -> None:

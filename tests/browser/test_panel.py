@@ -194,6 +194,7 @@ def test_axe_finds_no_error_of_accessibility(browser: Tab, width: int, scheme: s
         for button, state in (("Tare", "ready"), ("friction", "running"), (STUCK, "fault")):
             browser.click(button)
             browser.until(lambda: browser.text("state") == state)  # noqa: B023
+            browser.driver.execute_script("scrollTo(0, 0)")  # the header covers what is below it
             passes, violations = browser.driver.execute_async_script(AXE_RUN)
             assert violations == []
             assert {"color-contrast", "label", "button-name", "target-size"} <= set(passes)
@@ -221,7 +222,8 @@ def test_charts_move_pause_and_are_saved(browser: Tab) -> None:
 
         def drawn() -> list[str]:
             pictures: list[str] = browser.driver.execute_script(
-                "return [...document.querySelectorAll('canvas')].map(c => c.toDataURL())"
+                "return [...document.querySelectorAll('#top canvas, #charts canvas')]"
+                ".map(c => c.toDataURL())"
             )
             return pictures
 
@@ -332,6 +334,56 @@ def test_panel_shows_the_laws_and_texture_in_force(browser: Tab) -> None:
         browser.open(url)
         browser.until(lambda: shown("slot") == "2: sine, 20 mm")
         assert shown("law") == "Predictive"
+
+
+def test_a_texture_is_made_on_the_page_and_drawn_before_it_plays(
+    browser: Tab, tmp_path: Path
+) -> None:
+    table = tmp_path / "waves.csv"
+    table.write_text(
+        "position_mm,cof\n" + "".join(f"{x},{0.3 + 0.001 * x}\n" for x in range(-38, 39))
+    )
+    bench = SimulatedBench()
+    with served(bench) as url:
+        browser.open(url)
+        browser.until(lambda: browser.driver.find_element(By.ID, "driving").is_enabled())
+        maker = browser.driver.find_element(By.ID, "maker")
+        Select(maker.find_element(By.NAME, "kind")).select_by_visible_text("a CSV file")
+        browser.click("Draw it")
+        browser.until(lambda: browser.text("preview_words") == "choose a file")
+        maker.find_element(By.NAME, "file").send_keys(str(table))
+        browser.click("Draw it")
+        browser.until(lambda: browser.driver.find_element(By.ID, "preview").is_displayed())
+        assert bench.textures[1] is not None
+        assert bench.textures[1]["label"] == "square, 10 mm", "it is drawn before it is loaded"
+        browser.click("Load it into the slot")
+        browser.until(lambda: browser.text("answer").startswith("done: waves.csv is texture 1"))
+        shown = "return playedTexture(update.values)?.label"
+        browser.click("Strokes by itself")
+        browser.click("texture")
+        browser.until(lambda: browser.driver.execute_script(shown) == "waves.csv")
+        browser.until(lambda: browser.values().get("Contact.COF"))
+        asked, x = (browser.values()[f"Contact.{name}"] for name in ("COF reference", "Position"))
+        assert asked == pytest.approx(0.3 + 0.001 * x, abs=0.01)
+        browser.picture("texture")
+
+
+def test_a_chart_shows_the_extremes_between_two_updates(browser: Tab) -> None:
+    """A square of two updates is a step, and what rises and falls between two is a band."""
+    draw_two = """
+    const chart = charts.children[2], name = "Vibration.Voltage", row = (t, V, low) =>
+      ({t, mode: "open loop", values: {[name]: V}, extremes: {[name]: [low, V]}});
+    const rows = [row(0, 0, 0), row(.4, 100, 0), row(.8, 100, 100)];
+    drawChart(chart, CHARTS[2], rows, [0, 1]);
+    const pen = chart.getContext("2d"), scale = devicePixelRatio, width = chart.clientWidth;
+    const y = (chart.clientHeight + 4) / 2 * scale + 7;
+    const middle = pen.getImageData(0, y, chart.width, 1).data;
+    const blue = at => middle[4 * at] < middle[4 * at + 2] - 20;
+    return [.2, .6].map(t => blue(Math.round((52 + t * (width - 60)) * scale)));
+    """
+    with served(SimulatedBench()) as url:
+        browser.open(url)
+        assert browser.driver.execute_script(draw_two) == [True, False]
 
 
 def test_a_wrong_token_is_told_from_none(browser: Tab) -> None:

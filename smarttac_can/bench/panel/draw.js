@@ -83,11 +83,37 @@ function askedCof(values) {
   return [[-HALF_MM, left], [boundary, left], [boundary, right], [HALF_MM, right]];
 }
 
+// The texture that is played, if it is known and goes over the plate.
+function playedTexture(values) {
+  const texture = update?.mode === "texture" ? textures[values["Texture.Slot"] - 1] : null;
+  return texture?.over === "mm" ? texture : null;
+}
+
+// A texture as a band from the least to the greatest COF of each of its columns.
+function drawTexture(pen, {bins}, x, y) {
+  const width = x(bins[1][0]) - x(bins[0][0]);
+  for (const [place, low, high] of bins)
+    pen.fillRect(x(place), y(high) - 1, width + .5, y(low) - y(high) + 2);
+}
+
+// How much of the swing of the reference the COF has had in 5 s: the slope of the one over the other.
+function gainOf(recent) {
+  const pairs = recent.map(({values}) => [values["Contact.COF reference"], values["Contact.COF"]])
+    .filter(pair => pair.every(Number.isFinite));
+  const mean = side => pairs.reduce((sum, pair) => sum + pair[side], 0) / pairs.length;
+  const [asked, had] = [mean(0), mean(1)];
+  const spread = pairs.reduce((sum, [a]) => sum + (a - asked) ** 2, 0);
+  return pairs.length > 10 && spread / pairs.length > 1e-5 ?
+    pairs.reduce((sum, [a, b]) => sum + (a - asked) * (b - had), 0) / spread : undefined;
+}
+
 function drawPlate() {
   const [pen, width, height] = canvas($("plate"));
   const values = update?.values || {}, top = 90, base = height - 20, scale = base - top - 34;
-  const at = mm => plateX(mm, width), asked = askedCof(values);
-  const most = Math.max(.4, ...asked.map(([, cof]) => cof)) * 1.2;
+  const texture = playedTexture(values), asked = update?.mode === "texture" ? [] : askedCof(values);
+  const at = mm => plateX(mm, width);
+  const recent = samples.filter(({t}) => t > (samples.at(-1)?.t ?? 0) - 5);
+  const most = Math.max(.4, ...asked.map(([, cof]) => cof), ...(texture?.bins ?? []).map(([, , cof]) => cof)) * 1.2;
   const cofY = cof => base - Math.min(cof / most, 1) * scale;
   pen.fillStyle = colors.plate;
   pen.fillRect(at(-HALF_MM), top, at(HALF_MM) - at(-HALF_MM), 10);
@@ -96,15 +122,44 @@ function drawPlate() {
     text(pen, colors.quiet, `${mm}`, at(mm), height - 5, "center");
   text(pen, colors.quiet, "mm", at(HALF_MM), height - 5, "center");
   text(pen, colors.measured, "COF of the last 5 s", at(-HALF_MM), top + 27);
-  text(pen, colors.set, "set", at(-HALF_MM) + 120, top + 27);
+  text(pen, colors.set, headOf(texture, values), at(-HALF_MM) + 120, top + 27);
+  pen.fillStyle = colors.set;
+  if (texture) drawTexture(pen, texture, at, cofY);
   pen.lineWidth = 2;
   stroke(pen, colors.set, asked.map(([mm, cof]) => [at(mm), cofY(cof)]));
   pen.lineWidth = 1.5;
-  const recent = samples.filter(({t}) => t > (samples.at(-1)?.t ?? 0) - 5);
   pen.fillStyle = colors.measured;
   for (const {values: {"Contact.Position": x, "Contact.COF": cof}} of recent)
     if (x !== undefined && cof !== undefined) pen.fillRect(at(x) - 2.5, cofY(cof) - 2.5, 5, 5);
+  if (update?.mode === "texture") {
+    const gain = gainOf(recent), reference = values["Contact.COF reference"];
+    text(pen, colors.ink, [reference === undefined ? "" : `COF here ${reference.toFixed(3)}`,
+      gain === undefined ? "" : `gain ${gain.toFixed(2)}`].filter(Boolean).join(", "),
+    at(HALF_MM), top + 27, "right");
+  }
   drawFinger(pen, width, top, at, values);
+}
+
+function headOf(texture, values) {
+  if (update?.mode !== "texture") return "set";
+  const slot = values["Texture.Slot"];
+  return texture?.label ?? (textures[slot - 1] ? `${textures[slot - 1].label}, over time` : `texture ${slot}, not known`);
+}
+
+// The texture that was made on this page, before it plays.
+function drawPreview({over, bins}) {
+  const [pen, width, height] = canvas($("preview"));
+  const high = Math.max(...bins.map(([, , cof]) => cof)) * 1.15, last = bins.at(-1)[0];
+  const x = place => LEFT + (place - bins[0][0]) / (last - bins[0][0]) * (width - LEFT - RIGHT);
+  const y = cof => height - 18 - cof / high * (height - 30);
+  for (const cof of [0, step(high / 3), 2 * step(high / 3)].filter(cof => cof < high)) {
+    stroke(pen, colors.grid, [[LEFT, y(cof)], [width - RIGHT, y(cof)]]);
+    text(pen, colors.quiet, cof.toFixed(2), LEFT - 5, y(cof) + 4, "right");
+  }
+  pen.fillStyle = colors.set;
+  drawTexture(pen, {bins}, x, y);
+  text(pen, colors.quiet, `${bins[0][0]} ${over}`, LEFT, height - 4);
+  text(pen, colors.quiet, `${last.toFixed(over === "s" ? 2 : 0)} ${over}`, width - RIGHT, height - 4, "right");
 }
 
 function drawFinger(pen, width, top, at, values) {

@@ -12,12 +12,14 @@ import threading
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import partial
 from time import monotonic
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
-from smarttac_can.bench import Stimulator, Texture
+from smarttac_can.bench import BenchError, Stimulator, Texture
 from smarttac_can.bench.link import RECORDED, Row
+from smarttac_can.bench.panel.textures import drawn, with_warnings
 from smarttac_can.bench.simulation import open_guided_link
 from smarttac_can.bench.watch.commands import Operator, answered, in_words, obey
 from smarttac_can.bench.watch.listener import Listener
@@ -37,6 +39,7 @@ from smarttac_can.host.background import Background
 from smarttac_can.vocabulary.faults import PICKUP, PICKUP_Q, THERMOMETER, FaultKind
 from smarttac_can.vocabulary.meanings import FAULT_KIND, emergency_text
 from smarttac_can.vocabulary.states import IdentificationState, Mode
+from smarttac_can.vocabulary.textures import TABLE_NAMES
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, watchdogs_in
 
 LEASE_S: Final = 0.8
@@ -67,6 +70,7 @@ _TEXTURES: Final = ((10.0, 0.2, 0.35, "square"), (20.0, 0.2, 0.35, "sine"))
 """Period in mm, lowest and highest COF, and shape of the textures of a simulated bench."""
 _STROKE_WORDS: Final = 3
 _EMERGENCIES: Final = 6
+SLOTS: Final = tuple(range(1, len(TABLE_NAMES) + 1))
 _STEPS: Final = 200
 """Steps of which the extremes are kept: those of 2 s at least."""
 _DONE: Final = {
@@ -177,15 +181,17 @@ class Instrument(Background, ABC):
         Name of the bus or bench.
     od
         Object dictionary of the stimulator.
-    drives
-        Whether it accepts commands.
+    stimulator
+        Stimulator to drive; None to observe only.
     pause
         Longest time between two steps in s.
 
     Attributes
     ----------
     textures
-        Descriptions of its textures, if known.
+        Its textures by slot, as `drawn` returns them; None while a slot is empty or not known.
+    texture_changes
+        Number of changes of `textures`.
     lease
         Right of a page to command it.
     seen
@@ -197,11 +203,16 @@ class Instrument(Background, ABC):
     """
 
     simulated = False
-    textures: tuple[str, ...] = ()
 
-    def __init__(self, where: str, od: ObjectDictionary, *, drives: bool, pause: float) -> None:
+    def __init__(
+        self, where: str, od: ObjectDictionary, stimulator: Stimulator | None, *, pause: float
+    ) -> None:
         super().__init__("instrument", self._go, self._call_off, _END_S)
-        self.where, self.od, self.drives = where, od, drives
+        self.where, self.od, self.drives = where, od, stimulator is not None
+        self._stimulator = stimulator
+        self.textures: dict[int, dict[str, Any] | None] = dict.fromkeys(SLOTS)
+        self.texture_changes = 0
+        self._offered: dict[int, tuple[Texture, str]] = {}
         self.lease = Lease()
         self.seen: Seen | None = None
         self.answer = ""
@@ -233,6 +244,30 @@ class Instrument(Background, ABC):
         else:
             self._waiting.append((page, text))
             self._wake.set()
+
+    def offer(self, page: object, slot: int, texture: Texture, label: str) -> None:
+        """Queue a texture for a slot, as a command of the driving page."""
+        self._offered[slot] = texture, label
+        self.command(page, f"load {slot}")
+
+    def _load(self, stimulator: Stimulator, number: str) -> str:
+        """Write an offered texture to its slot; return what is to be known of it."""
+        slot = int(number)
+        if slot not in self._offered:
+            raise ValueError(f"no texture was made for slot {slot}")
+        texture, label = self._offered.pop(slot)
+
+        def write() -> None:
+            stimulator.texture_slot = slot
+            stimulator.texture = texture
+
+        _, warned = with_warnings(write)
+        self._know(slot, texture, label)
+        return f"done: {label} is texture {slot}{warned and f'. {warned}'}"
+
+    def _know(self, slot: int, texture: Texture, label: str) -> None:
+        self.textures = {**self.textures, slot: drawn(texture, label)}
+        self.texture_changes += 1
 
     def guide(self, page: object, x_mm: float, force: float) -> None:
         """Move the finger of a simulation to a position in mm with a force in N.
@@ -282,17 +317,18 @@ class SimulatedBench(Instrument):
     """
 
     simulated = True
-    textures = tuple(f"{shape}, {period:g} mm" for period, _, _, shape in _TEXTURES)
 
     def __init__(self) -> None:
         link, od, self._finger = open_guided_link()
-        super().__init__("a simulated bench", od, drives=True, pause=_SIMULATED_S)
+        self._bench = stimulator = Stimulator(link, od)
+        super().__init__("a simulated bench", od, stimulator, pause=_SIMULATED_S)
         self._link = link
-        self._stimulator = Stimulator(link, od)
         for slot, (period, low, high, shape) in enumerate(_TEXTURES, 1):
-            self._stimulator.texture_slot = slot
-            self._stimulator.texture = Texture.grating(period, low, high, shape=shape)
-        self._stimulator.texture_slot = 1
+            texture = Texture.grating(period, low, high, shape=shape)
+            stimulator.texture_slot = slot
+            stimulator.texture = texture
+            self._know(slot, texture, f"{shape}, {period:g} mm")
+        stimulator.texture_slot = 1
         self._simulated_to: float | None = None
         self._identifying = False
         self._latched = 0
@@ -313,7 +349,7 @@ class SimulatedBench(Instrument):
         """Disarm if requested, else obey the next line; then simulate the elapsed time."""
         if self._begin_stop():
             self._identifying = False
-            self._stimulator.disarm()
+            self._bench.disarm()
         elif self._waiting:
             page, text = self._waiting.popleft()
             if self.lease.held_by(page):
@@ -367,11 +403,11 @@ class SimulatedBench(Instrument):
         self.answer = identification(view.values, view.message)
         if view.values["Model.State"] != IdentificationState.RUNNING:
             self._identifying = False
-            self._stimulator.disarm()
+            self._bench.disarm()
 
     def _obey(self, text: str) -> str:
         name, *arguments = text.split() or [""]
-        stimulator = self._stimulator
+        stimulator = self._bench
         if name == "hand" and not arguments:
             self._finger.guide(0.0, 0.0)
             stimulator.finger.play_recording()
@@ -388,19 +424,21 @@ class SimulatedBench(Instrument):
             # Its cycles are those of the next steps, so that a stop is heard meanwhile.
             stimulator.mode = Mode.IDENTIFY
             self._identifying = True
+        elif name == "load" and arguments:
+            return self._load(stimulator, arguments[0])
         else:
             return obey(stimulator, text)
         return f"done: {_DONE.get(name) or in_words(text)}"
 
     def _start_run(self) -> None:
-        self._stimulator.disarm()
-        self._stimulator.start_run()
+        self._bench.disarm()
+        self._bench.start_run()
 
     def _break(self, what: str) -> None:
         if what not in _FAULTS:
             raise ValueError(f"{what!r} is none of: {', '.join(FAULTS)}")
         kind, sensor, value = _FAULTS[what]
-        self._stimulator.set_all(
+        self._bench.set_all(
             {
                 "Fault.Sensor": sensor,
                 "Fault.Value": value,
@@ -435,10 +473,10 @@ class BusInstrument(Instrument):
         listener: Listener,
         stimulator: Stimulator | None,
     ) -> None:
-        super().__init__(where, od, drives=stimulator is not None, pause=_HEARD_S)
+        super().__init__(where, od, stimulator, pause=_HEARD_S)
         self._watcher = watcher
-        self._stimulator = stimulator
         self._operator = Operator(watcher, listener)
+        self._read: set[int] = set()
 
     def step(self, now: float) -> None:
         """Take received frames, send those that are due, and follow the command in progress."""
@@ -446,8 +484,10 @@ class BusInstrument(Instrument):
             self._watcher.stop()
         elif self._waiting and not self._operator.busy:
             self._operator.begin(partial(self._obey, *self._waiting.popleft()))
+        elif (slot := self._slot_to_read()) and self._stimulator is not None:
+            self._operator.begin(partial(self._read_texture, self._stimulator, slot))
         answer = self._operator.step(now)
-        if answer is not None:
+        if answer:
             self.answer = answer
         self.extremes.add(now, self._watcher.extremes())
         self.seen = Seen(now, self._watcher.view(now), self._stops())
@@ -459,7 +499,26 @@ class BusInstrument(Instrument):
         stimulator = self._stimulator
         if stimulator is None or not self.lease.held_by(page):
             return f"{text}: not done, its page does not drive"
+        name, _, slot = text.partition(" ")
+        if name == "load":
+            return answered(partial(self._load, stimulator, slot), in_panel_words)
         return answered(partial(obey, stimulator, text), in_panel_words)
+
+    def _slot_to_read(self) -> int:
+        """Return the slot in use if its texture is to be read now, or 0."""
+        if self._operator.busy or self._stops() or self.seen is None:
+            return 0
+        slot = int(self.seen.view.values.get("Texture.Slot", 0))
+        return 0 if slot in self._read or self.textures.get(slot) else slot
+
+    def _read_texture(self, stimulator: Stimulator, slot: int) -> str:
+        """Read the texture of the slot in use; it stays unknown if another one is in use now."""
+        self._read.add(slot)
+        with suppress(BenchError, ValueError):
+            texture = stimulator.texture
+            if texture is not None and stimulator.texture_slot == slot:
+                self._know(slot, texture, f"texture {slot}")
+        return ""
 
     def _go(self) -> None:
         try:

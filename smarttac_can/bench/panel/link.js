@@ -16,6 +16,7 @@ let answeredAt = 0;                      // of the last update: by performance.n
 let newsAt = -Infinity, newsDate = "";   // of what is shown, at the latest
 let gone = "Connecting.";                // why there is no connection
 let stops = 0, stopAt = null;            // stops sent on this connection; the first not confirmed
+let textures = [];                       // by slot: {label, over, bins}, or null
 let samples = [];                        // {t, values, extremes, mode}
 
 const send = message => socket.readyState === 1 && socket.send(JSON.stringify(message));
@@ -74,6 +75,7 @@ const drives = () => !isOld() && update.drives;
 function take(now) {
   update = now;
   gone = "";
+  if (now.textures) { textures = now.textures; nameTextures(); }
   if (now.t !== undefined && now.t !== samples.at(-1)?.t)
     samples.push({t: now.t, values: now.values, extremes: now.extremes, mode: now.mode});
   while (samples.length && samples[0].t < now.t - KEPT_S) samples.shift();

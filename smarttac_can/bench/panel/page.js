@@ -53,16 +53,42 @@ function introduce() {
   fill("modes", about.modes.map(mode => button(mode, () => line(`mode ${mode.replaceAll(" ", "_")}`))));
   for (const [id, laws] of [["law", about.laws], ["vibration", about.vibration_laws]])
     fill(id, ["", ...laws].map(law => new Option(capital(law), law)));
-  fill("slot", ["", 1, 2, 3, 4].map(slot => {
-    const texture = about.textures[slot - 1] ?? (slot && about.simulated ? "empty" : "");
-    return new Option(texture ? `${slot}: ${texture}` : slot, slot);
-  }));
   fill("subject", [1, 2, 3, 4, 5, 6, 7, 8, 9].map(number => new Option(number, number)));
   fill("faults", about.faults.map(fault => button(printed(fault), () => line(`break ${fault}`))));
   fill("set_points", about.set_points.map(setPoint));
   fill("channels", CHANNELS.map(({title, object}) => made("section", {className: "channel", id: `channel ${object}`},
     made("h2", {textContent: title}), made("span", {className: "reading"}),
     ...["asked", "limit", "condition"].map(className => made("span", {className})))));
+}
+
+function nameTextures() {
+  const shown = $("slot").value;
+  fill("slot", ["", ...textures.map((_, number) => number + 1)].map(slot => {
+    const texture = textures[slot - 1]?.label ?? (slot && about.simulated ? "empty" : "");
+    return new Option(texture ? `${slot}: ${texture}` : slot, slot);
+  }));
+  $("slot").value = shown;
+}
+
+// Make what the form says on the server, and draw it; with a slot, load it there.
+async function makeTexture(slot) {
+  const form = new FormData($("maker")), file = form.get("file")?.name;
+  if (!file) form.delete("file");
+  form.set("page", about.page);
+  form.set("slot", slot ?? "");
+  form.set("label", file || `${form.get("shape")}, ${form.get("period")} mm`);
+  const answer = await fetch(`texture?token=${encodeURIComponent(token)}`, {method: "POST", body: form});
+  const {texture, warned, error} = await answer.json();
+  $("preview").hidden = $("load").hidden = !texture;
+  write("preview_words", printed(error ?? warned ?? ""));
+  if (texture) drawPreview(texture);
+}
+
+function showKind() {
+  const kind = $("maker").elements.kind.value;
+  for (const label of $("maker").querySelectorAll("[data-kind]")) label.hidden = !label.dataset.kind.split(" ").includes(kind);
+  $("preview").hidden = $("load").hidden = true;
+  write("preview_words", "");
 }
 
 const setPointOf = name => $(`set ${name}`);
@@ -255,7 +281,8 @@ function begin() {
   $("stop").onclick = stop;
   for (const kind of ["keydown", "keyup"])
     addEventListener(kind, event => {
-      if (event.code !== "Space") return;
+      // Shift and the space bar write a space in a text.
+      if (event.code !== "Space" || event.shiftKey && event.target.matches("input:not([type])")) return;
       event.preventDefault();
       if (kind === "keydown" && !event.repeat) stop();
     }, true);
@@ -274,6 +301,10 @@ function begin() {
       if ($(name).value) line(`${name} ${$(name).value}`);
       $(name).blur();  // it shows again what is set
     };
+  $("maker").onsubmit = event => { event.preventDefault(); makeTexture(); };
+  $("maker").onchange = event => event.target.name === "kind" && showKind();
+  $("load").onclick = () => makeTexture($("slot").value);
+  showKind();
   for (const name of ["reset", "tare", "identify", "arm", "mend", "hand"]) $(name).onclick = () => line(name);
   $("stroke").onclick = () => line(`stroke ${$("subject").value} ${$("force").value} ${$("speed").value || 50}`);
   $("force").oninput = showForce;

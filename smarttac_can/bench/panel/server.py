@@ -22,10 +22,13 @@ import json
 import logging
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 from contextlib import suppress
+from functools import partial
 from hmac import compare_digest
 from ipaddress import ip_address
 from math import isfinite
 from pathlib import Path
+from secrets import token_urlsafe
+from tempfile import TemporaryDirectory
 from time import monotonic
 from typing import Any, Final
 
@@ -33,7 +36,9 @@ from aiohttp import ClientConnectionError, WSMsgType, web
 from aiohttp.http import HttpProcessingError
 
 from smarttac_can import __version__
-from smarttac_can.bench.panel.instrument import FAULTS, Instrument, Seen
+from smarttac_can.bench import BenchError, Texture
+from smarttac_can.bench.panel.instrument import FAULTS, SLOTS, Instrument, Seen
+from smarttac_can.bench.panel.textures import drawn, made, with_warnings
 from smarttac_can.bench.recording_file import channel_name
 from smarttac_can.bench.watch.watcher import PUBLISHED
 from smarttac_can.bench.watch.wording import identification
@@ -54,6 +59,10 @@ _TOO_MANY: Final = 1013
 """Close code of a page that is not to connect again by itself (RFC 6455: try again later)."""
 _PING_S: Final = 10.0
 _SHUTDOWN_S: Final = 1.0
+_MOST_UPLOADED: Final = 16 << 20
+"""Most bytes of a picture or a table from a page."""
+_LONGEST_LABEL: Final = 60
+_KEY_BYTES: Final = 16
 _DIGITS: Final = 6
 _FILES: Final = {
     "/": ("page.html", "text/html"),
@@ -93,10 +102,14 @@ class _Page:
     def __init__(self, *, trusted: bool) -> None:
         self.trusted = trusted
         """Whether it has shown the token."""
+        self.key = token_urlsafe(_KEY_BYTES)
+        """What it names itself by in a request of its own."""
         self.sent = 0
         self.seen = 0
         self.shown_to = monotonic()
         """Time in s of the state in its last update."""
+        self.textures_shown = -1
+        """Number of changes of the textures in its last update."""
         self.stops = 0
         self.stopped_at = 0.0
         """Time in s after its last stop was passed on."""
@@ -153,10 +166,11 @@ class Panel:
 
     def app(self) -> web.Application:
         """Return the aiohttp application of the panel."""
-        app = web.Application(middlewares=[self._check])
+        app = web.Application(middlewares=[self._check], client_max_size=_MOST_UPLOADED)
         for place in self._files:
             app.router.add_get(place, self._file)
         app.router.add_get("/live", self._live)
+        app.router.add_post("/texture", self._texture)
         app.on_shutdown.append(self._close)
         return app
 
@@ -173,10 +187,36 @@ class Panel:
         text, kind = self._files[request.path]
         return web.Response(text=text, content_type=kind, headers=_HEADERS)
 
-    async def _live(self, request: web.Request) -> web.WebSocketResponse:
+    async def _texture(self, request: web.Request) -> web.Response:
+        """Make a texture of a form; return its drawing, or load it into the slot of the form."""
+        self._require_origin(request)
+        token = request.query.get("token", "").encode(errors="replace")
+        if not compare_digest(token, self._token):
+            raise web.HTTPForbidden(text="a texture needs the token of this panel\n")
+        form = await request.post()
+        fields = {name: value for name, value in form.items() if isinstance(value, str)}
+        upload = form.get("file")
+        content = upload.file.read() if isinstance(upload, web.FileField) else b""
+        try:
+            texture, warned = await asyncio.to_thread(_made, fields, content)
+        except (ValueError, OSError, BenchError) as error:
+            return web.json_response({"error": str(error)}, headers=_HEADERS)
+        label = fields.get("label", "")[:_LONGEST_LABEL] or fields["kind"]
+        drawing = await asyncio.to_thread(drawn, texture, label)
+        asking = next(
+            (page for page in self._pages.values() if page.key == fields.get("page")), None
+        )
+        if fields.get("slot", "") in map(str, SLOTS) and asking is not None:
+            self._instrument.offer(asking, int(fields["slot"]), texture, label)
+        return web.json_response({"texture": drawing, "warned": warned}, headers=_HEADERS)
+
+    def _require_origin(self, request: web.Request) -> None:
         origin = request.headers.get("Origin", "")
         if origin != f"http://{request.headers['Host']}":
             raise web.HTTPForbidden(text=f"Origin {origin!r} is not this panel's\n")
+
+    async def _live(self, request: web.Request) -> web.WebSocketResponse:
+        self._require_origin(request)
         token = request.query.get("token", "").encode(errors="replace")
         page = _Page(trusted=compare_digest(token, self._token))
         if len(self._pages) >= _MOST_PAGES:
@@ -195,7 +235,7 @@ class Panel:
             if token and not page.trusted:
                 await socket.close(code=1008, message=b"wrong token")
                 return socket
-            await socket.send_str(json.dumps(self._introduction()))
+            await socket.send_str(json.dumps(self._introduction(page)))
             sender = asyncio.create_task(self._send(socket, page))
             try:
                 await self._hear(socket, page)
@@ -275,7 +315,7 @@ class Panel:
                 await asyncio.sleep(UPDATE_S)
             await socket.close(code=_TOO_MANY, message=b"too many pages")
 
-    def _introduction(self) -> dict[str, Any]:
+    def _introduction(self, page: _Page) -> dict[str, Any]:
         """Return the first message, with everything that does not change."""
         instrument = self._instrument
         rows = []
@@ -298,6 +338,7 @@ class Panel:
             )
         return {
             "version": __version__,
+            "page": page.key,
             "where": instrument.where,
             "simulated": instrument.simulated,
             "drives": instrument.drives,
@@ -306,7 +347,6 @@ class Panel:
             "channels": [(channel_name(name), name) for name in _CHANNELS],
             "laws": [law.name.lower() for law in Law],
             "vibration_laws": [law.name.lower() for law in VibrationLaw],
-            "textures": instrument.textures,
             "faults": FAULTS if instrument.simulated else (),
         }
 
@@ -320,6 +360,9 @@ class Panel:
             "answer": instrument.answer,
             "stops": page.confirmed_stops(seen),
         }
+        if page.textures_shown != instrument.texture_changes:
+            page.textures_shown = instrument.texture_changes
+            update["textures"] = list(instrument.textures.values())
         if seen is not None:
             view = seen.view
             update |= {
@@ -391,6 +434,20 @@ def _is_defect(record: logging.LogRecord) -> bool:
     """Return whether to log an error: not of a malformed request, nor of a client that left."""
     error = record.exc_info and record.exc_info[1]
     return not isinstance(error, HttpProcessingError | ClientConnectionError)
+
+
+def _made(fields: Mapping[str, str], content: bytes) -> tuple[Texture, str]:
+    """Make a texture of fields and the content of a file; return it and what was warned of."""
+    if not content:
+        return with_warnings(partial(made, fields, None))
+    with TemporaryDirectory() as folder:
+        file = Path(folder, "upload")
+        file.write_bytes(content)
+        try:
+            return with_warnings(partial(made, fields, file))
+        except ValueError as error:
+            # The name of the file on the server says nothing to who has chosen it.
+            raise ValueError(str(error).replace(str(file), "the file")) from error
 
 
 def _is_loopback(host: str) -> bool:

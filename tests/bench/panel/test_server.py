@@ -530,3 +530,55 @@ def test_a_server_that_ends_leaves_0_v() -> None:
     bench = SimulatedBench()
     browse(bench, script)
     assert voltage(bench) == 0.0
+
+
+# A texture that a page makes
+
+
+GRATING = {"kind": "grating", "shape": "square", "period": "5", "duty": "50"} | {
+    "low": "0.25",
+    "high": "0.35",
+}
+
+
+def test_a_texture_is_loaded_for_the_page_that_drives_alone() -> None:
+    async def script(browser: Browser) -> None:
+        place, headers = f"{browser.url}/texture", {"Origin": browser.url}
+        async with browser.page() as driver, browser.page() as other:
+            await driver.drive()
+            for page, answer in (
+                (other, "load 3: not done, this page does not drive"),
+                (driver, "done: grating is texture 3"),
+            ):
+                form = GRATING | {"slot": "3", "page": page.introduction["page"]}
+                url = f"{place}?token={browser.token}"
+                async with browser.session.post(url, data=form, headers=headers) as made:
+                    bins = (await made.json())["texture"]["bins"]
+                assert {low for _, low, _ in bins} | {high for *_, high in bins} == {0.25, 0.35}
+                await page.until(lambda answer=answer: answer in driver.now["answer"])
+            assert bench.textures[3] is not None
+        for query, sent in (("token=guess", headers), ("", headers), (f"token={TOKEN}", {})):
+            url = f"{place}?{query}"
+            async with browser.session.post(url, data=GRATING, headers=sent) as made:
+                assert made.status == 403
+
+    bench = SimulatedBench()
+    browse(bench, script)
+
+
+@pytest.mark.parametrize(
+    ("form", "error"),
+    [
+        ({"period": "x"}, "period 'x' is no number"),
+        ({"high": "9"}, "high 9 is outside"),
+        ({"kind": "csv"}, "choose a file"),
+    ],
+)
+def test_a_texture_that_cannot_be_made_says_why(form: dict[str, str], error: str) -> None:
+    async def script(browser: Browser) -> None:
+        url, headers = f"{browser.url}/texture?token={TOKEN}", {"Origin": browser.url}
+        async with browser.session.post(url, data=GRATING | form, headers=headers) as made:
+            said = (await made.json())["error"]
+            assert error in said
+
+    browse(SimulatedBench(), script)
