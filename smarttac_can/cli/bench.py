@@ -248,7 +248,13 @@ def watch(*, at: StimulatorChoice, drive: bool, no_sdo: bool) -> None:
     show_default=True,
     help="TCP port; 0 is any that is free.",
 )
-def panel(*, at: StimulatorChoice, drive: bool, host: str, port: int) -> None:
+@click.option(
+    "--record",
+    type=click.Path(file_okay=False, path_type=Path),
+    metavar="FOLDER",
+    help="Folder on this computer into which the page that drives may record.",
+)
+def panel(*, at: StimulatorChoice, drive: bool, host: str, port: int, record: Path | None) -> None:
     """Show a stimulator live in a browser: plate, charts, state and faults.
 
     Without --interface it is a simulated bench in this process, and the mouse is the finger. The
@@ -264,6 +270,8 @@ def panel(*, at: StimulatorChoice, drive: bool, host: str, port: int) -> None:
     from smarttac_can.bench.panel.server import Panel, serve  # noqa: PLC0415 - aiohttp is an extra
 
     _require_one_address(host)
+    with plain_errors():
+        _prepare_records(record, drives=drive or bus.interface is None)
     token = token_urlsafe(16)
 
     def listening(port: int) -> None:
@@ -274,14 +282,25 @@ def panel(*, at: StimulatorChoice, drive: bool, host: str, port: int) -> None:
     with plain_errors(), ExitStack() as stack:
         instrument: SimulatedBench | BusInstrument
         if bus.interface is None:
-            instrument = SimulatedBench()
+            instrument = SimulatedBench(record)
         else:
             watched = stack.enter_context(_watching(at, drive))
-            instrument = BusInstrument(bus.where, stimulator_od(at.node_id), *watched)
+            instrument = BusInstrument(bus.where, stimulator_od(at.node_id), *watched, record)
         stack.enter_context(instrument)
         with suppress(KeyboardInterrupt):
             asyncio.run(serve(Panel(instrument, token, host), host, port, listening))
             raise click.ClickException("the panel has failed, and leaves the plate at 0 V")
+
+
+def _prepare_records(folder: Path | None, *, drives: bool) -> None:
+    if folder is None:
+        return
+    if not drives:
+        raise click.UsageError("--record needs --drive: a page that looks on records nothing")
+    from smarttac_can.bench.recording_file import require_h5py  # noqa: PLC0415 - loads numpy
+
+    require_h5py()
+    folder.mkdir(parents=True, exist_ok=True)
 
 
 def _require_one_address(host: str) -> None:

@@ -18,9 +18,12 @@ from urllib.parse import urlsplit
 import pytest
 from conftest import MEASURED, Tab, chromium, served
 from nodes_on_a_bus import GUARD_S, NodeProcess
+from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import Select
 
+from smarttac_can.bench import read_recording
 from smarttac_can.bench.link import RECORDED, Row
 from smarttac_can.bench.panel.instrument import SimulatedBench
 from smarttac_can.bench.traces import COLUMNS
@@ -150,9 +153,9 @@ return box.width > 60 && box.height > 40 &&
 @pytest.mark.parametrize("width", [360, 800, 1400, 2560])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_panel_fits_any_width_with_stop_whole_and_on_top(
-    browser: Tab, width: int, scheme: str
+    browser: Tab, width: int, scheme: str, tmp_path: Path
 ) -> None:
-    with served(SimulatedBench()) as url, browser.of_width(width, scheme):
+    with served(SimulatedBench(tmp_path)) as url, browser.of_width(width, scheme):
         browser.open(url)
         browser.click("Strokes by itself")
         browser.click("friction")
@@ -184,11 +187,13 @@ axe.run(document, {runOnly: rules}).then(({passes, violations}) =>
 
 @pytest.mark.parametrize("width", [360, 1400])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_axe_finds_no_error_of_accessibility(browser: Tab, width: int, scheme: str) -> None:
+def test_axe_finds_no_error_of_accessibility(
+    browser: Tab, width: int, scheme: str, tmp_path: Path
+) -> None:
     """At rest, running, and with a fault; contrast is among the rules that have passed."""
     if "AXE" not in os.environ:
         pytest.fail("AXE is not set: tools/with-browser fetches it by npm, which is missing here")
-    with served(SimulatedBench()) as url, browser.of_width(width, scheme):
+    with served(SimulatedBench(tmp_path)) as url, browser.of_width(width, scheme):
         browser.open(url)
         browser.driver.execute_script(Path(os.environ["AXE"]).read_text("utf-8"))
         for button, state in (("Tare", "ready"), ("friction", "running"), (STUCK, "fault")):
@@ -366,6 +371,30 @@ def test_a_texture_is_made_on_the_page_and_drawn_before_it_plays(
         asked, x = (browser.values()[f"Contact.{name}"] for name in ("COF reference", "Position"))
         assert asked == pytest.approx(0.3 + 0.001 * x, abs=0.01)
         browser.picture("texture")
+
+
+def test_a_page_records_with_notes_and_markers(browser: Tab, tmp_path: Path) -> None:
+    with served(SimulatedBench(tmp_path)) as url:
+        browser.open(url)
+        browser.until(lambda: browser.driver.find_element(By.ID, "driving").is_enabled())
+        notes = browser.driver.find_element(By.ID, "notes")
+        keys = ActionChains(browser.driver).click(notes).send_keys("dry")
+        keys.key_down(Keys.SHIFT).send_keys(" ").key_up(Keys.SHIFT).send_keys("finger").perform()
+        browser.click("Start recording")
+        browser.until(lambda: browser.text("answer").startswith("done: recording into panel-"))
+        browser.click("friction")
+        browser.driver.find_element(By.ID, "marker").send_keys("begins", Keys.ENTER)
+        browser.until(lambda: browser.text("answer") == "done: marker 'begins'")
+        browser.until(lambda: re.search(r": [1-9]\d* s", browser.text("recorded")))
+        browser.picture("record")
+        browser.click("Stop recording")
+        browser.until(lambda: "cycles of 1 ms, and 0 are lost" in browser.text("answer"))
+        assert browser.text("state") == "running", "a space in the notes is no stop"
+    (path,) = tmp_path.glob("panel-*.h5")
+    recording = read_recording(path)
+    assert recording.metadata["notes"] == "dry finger"
+    assert [marker.text for marker in recording.markers] == ["begins"]
+    assert len(recording.channels["cof"]) >= 1000
 
 
 def test_a_chart_shows_the_extremes_between_two_updates(browser: Tab) -> None:

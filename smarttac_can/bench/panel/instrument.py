@@ -14,11 +14,13 @@ from collections import deque
 from collections.abc import Mapping
 from contextlib import suppress
 from functools import partial
+from pathlib import Path
 from time import monotonic
 from typing import Any, Final, NamedTuple
 
 from smarttac_can.bench import BenchError, Stimulator, Texture
 from smarttac_can.bench.link import RECORDED, Row
+from smarttac_can.bench.panel.recorder import Recorder
 from smarttac_can.bench.panel.textures import drawn, with_warnings
 from smarttac_can.bench.simulation import open_guided_link
 from smarttac_can.bench.watch.commands import Operator, answered, in_words, obey
@@ -185,6 +187,8 @@ class Instrument(Background, ABC):
         Stimulator to drive; None to observe only.
     pause
         Longest time between two steps in s.
+    records
+        Folder for the recordings of pages; None if they record nothing.
 
     Attributes
     ----------
@@ -205,11 +209,20 @@ class Instrument(Background, ABC):
     simulated = False
 
     def __init__(
-        self, where: str, od: ObjectDictionary, stimulator: Stimulator | None, *, pause: float
+        self,
+        where: str,
+        od: ObjectDictionary,
+        stimulator: Stimulator | None,
+        *,
+        pause: float,
+        records: Path | None,
     ) -> None:
         super().__init__("instrument", self._go, self._call_off, _END_S)
         self.where, self.od, self.drives = where, od, stimulator is not None
         self._stimulator = stimulator
+        self.recorder: Recorder | None = None
+        if stimulator is not None and records is not None:
+            self.recorder = Recorder(stimulator, records)
         self.textures: dict[int, dict[str, Any] | None] = dict.fromkeys(SLOTS)
         self.texture_changes = 0
         self._offered: dict[int, tuple[Texture, str]] = {}
@@ -296,10 +309,19 @@ class Instrument(Background, ABC):
             if self.lease.expire(now):
                 self.stop(f"the page that drove was not heard for {LEASE_S:g} s: stopped")
             self.step(now)
+            if self.recorder is not None:
+                self.answer = self.recorder.made() or self.answer
             self._wake.wait(self._pause)
         self.stop("the panel has ended: stopped")
         # Two more cycles, so that a simulation shows the stop.
         self.step(monotonic() + 2.0 * _CYCLE_S)
+        if self.recorder is not None:
+            self.recorder.end()
+
+    def _record(self, text: str) -> str:
+        if self.recorder is None:
+            raise ValueError("this panel was started without --record FOLDER")
+        return self.recorder.obey(text)
 
     def _call_off(self) -> None:
         self._over = True
@@ -314,14 +336,19 @@ class SimulatedBench(Instrument):
     """A stimulator with its plate inside this process, at the pace of the clock.
 
     It has no bus, and opens none. A `GuidedFinger` is on the plate.
+
+    Parameters
+    ----------
+    records
+        Folder for the recordings of pages; None if they record nothing.
     """
 
     simulated = True
 
-    def __init__(self) -> None:
+    def __init__(self, records: Path | None = None) -> None:
         link, od, self._finger = open_guided_link()
         self._bench = stimulator = Stimulator(link, od)
-        super().__init__("a simulated bench", od, stimulator, pause=_SIMULATED_S)
+        super().__init__("a simulated bench", od, stimulator, pause=_SIMULATED_S, records=records)
         self._link = link
         for slot, (period, low, high, shape) in enumerate(_TEXTURES, 1):
             texture = Texture.grating(period, low, high, shape=shape)
@@ -426,6 +453,8 @@ class SimulatedBench(Instrument):
             self._identifying = True
         elif name == "load" and arguments:
             return self._load(stimulator, arguments[0])
+        elif name == "record":
+            return self._record(text.partition(" ")[2])
         else:
             return obey(stimulator, text)
         return f"done: {_DONE.get(name) or in_words(text)}"
@@ -463,6 +492,8 @@ class BusInstrument(Instrument):
         Running source of frames.
     stimulator
         Stimulator to drive; None to observe only. A thread of its own waits for its answers.
+    records
+        Folder for the recordings of pages; None if they record nothing.
     """
 
     def __init__(
@@ -472,8 +503,9 @@ class BusInstrument(Instrument):
         watcher: Watcher,
         listener: Listener,
         stimulator: Stimulator | None,
+        records: Path | None = None,
     ) -> None:
-        super().__init__(where, od, stimulator, pause=_HEARD_S)
+        super().__init__(where, od, stimulator, pause=_HEARD_S, records=records)
         self._watcher = watcher
         self._operator = Operator(watcher, listener)
         self._read: set[int] = set()
@@ -499,9 +531,11 @@ class BusInstrument(Instrument):
         stimulator = self._stimulator
         if stimulator is None or not self.lease.held_by(page):
             return f"{text}: not done, its page does not drive"
-        name, _, slot = text.partition(" ")
+        name, _, rest = text.partition(" ")
         if name == "load":
-            return answered(partial(self._load, stimulator, slot), in_panel_words)
+            return answered(partial(self._load, stimulator, rest), in_panel_words)
+        if name == "record":
+            return answered(partial(self._record, rest), in_panel_words)
         return answered(partial(obey, stimulator, text), in_panel_words)
 
     def _slot_to_read(self) -> int:

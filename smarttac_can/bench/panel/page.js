@@ -30,7 +30,7 @@ const CHANNELS = [
     limit: values => atMost(values["Limit.Temperature"])},
 ];
 
-let sentFinger = "";
+let sentFinger = "", marks = 0;
 const limitedAt = {};                    // by object: the words of its limit, and when it was last in the way
 
 const fill = (id, children) => $(id).replaceChildren(...children);
@@ -136,6 +136,7 @@ function show(now) {
     ["vibration", "Controller.Vibration law", about.vibration_laws]])
     showUnlessFocused($(id), laws[values[object]] ?? "");
   showUnlessFocused($("slot"), values["Texture.Slot"] ?? "");
+  showRecording(now.recording);
   for (const [object, words] of now.limited || []) limitedAt[object] = [words, now.t];
   for (const channel of CHANNELS) showChannel(channel, values, now);
   showCounts(values, now);
@@ -143,6 +144,23 @@ function show(now) {
     made("li", {textContent: `${ago.toFixed(0)} s ago, ${node === null ? "stimulator" : `node ${node}`}: ${printed(text)}`})));
   if (!$("emergencies").children.length) fill("emergencies", [made("li", {textContent: "none"})]);
   draw();
+}
+
+function showRecording(recording) {
+  $("recorder").hidden = !recording;
+  if (!recording) return;
+  const {folder, file, cycles, making} = recording;
+  $("record").textContent = file ? "Stop recording" : "Start recording";
+  $("record").className = file ? "on" : "";
+  $("record").disabled = making;
+  $("mark").disabled = !file || making;
+  write("recorded", file ? `${file}: ${Math.floor(cycles / RATE)} s` : `into ${folder}`);
+}
+
+function mark() {
+  marks += 1;
+  line(`record mark ${$("marker").value || `marker ${marks}`}`);
+  $("marker").value = "";
 }
 
 function showChannel({object, unit = "", digits, most, asked, limit}, values, now) {
@@ -302,9 +320,12 @@ function begin() {
       $(name).blur();  // it shows again what is set
     };
   $("maker").onsubmit = event => { event.preventDefault(); makeTexture(); };
-  $("maker").onchange = event => event.target.name === "kind" && showKind();
+  $("maker").onchange = event => { if (event.target.name === "kind") showKind(); };
   $("load").onclick = () => makeTexture($("slot").value);
   showKind();
+  $("record").onclick = () => line(update.recording.file ? "record stop" : `record start ${$("notes").value}`);
+  $("mark").onclick = mark;
+  $("marker").onkeydown = event => { if (event.key === "Enter") mark(); };
   for (const name of ["reset", "tare", "identify", "arm", "mend", "hand"]) $(name).onclick = () => line(name);
   $("stroke").onclick = () => line(`stroke ${$("subject").value} ${$("force").value} ${$("speed").value || 50}`);
   $("force").oninput = showForce;

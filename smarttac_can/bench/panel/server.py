@@ -360,6 +360,8 @@ class Panel:
             "answer": instrument.answer,
             "stops": page.confirmed_stops(seen),
         }
+        if instrument.recorder is not None:
+            update["recording"] = instrument.recorder.shown()
         if page.textures_shown != instrument.texture_changes:
             page.textures_shown = instrument.texture_changes
             update["textures"] = list(instrument.textures.values())

@@ -3,13 +3,14 @@
 from collections import deque
 from collections.abc import Callable, Iterator
 from math import hypot
+from pathlib import Path
 from time import monotonic
 
 import pytest
 from nodes_on_a_bus import GUARD_S, until
 from open_pages import voltage
 
-from smarttac_can.bench import Stimulator
+from smarttac_can.bench import Stimulator, read_recording
 from smarttac_can.bench.link import Row, never
 from smarttac_can.bench.panel.instrument import FAULTS, BusInstrument, Lease, SimulatedBench
 from smarttac_can.bench.simulation import open_guided_link
@@ -24,8 +25,8 @@ ME, OTHER = object(), object()
 class ByHand:
     """A bench whose time is made here, driven by `ME`."""
 
-    def __init__(self) -> None:
-        self.bench = SimulatedBench()
+    def __init__(self, records: Path | None = None) -> None:
+        self.bench = SimulatedBench(records)
         self.now = 100.0
         self.bench.lease.take(ME, self.now)
         self.bench.step(self.now)
@@ -250,6 +251,37 @@ def test_laws_and_textures_are_chosen(by_hand: ByHand) -> None:
     assert by_hand.value("Texture.Slot") == 2
     assert by_hand.line("mode texture") == "done: mode texture"
     assert by_hand.state == "running"
+
+
+@pytest.mark.parametrize(
+    ("text", "answer"),
+    [
+        ("record stop", "nothing is being recorded"),
+        ("record mark x", "nothing is being recorded"),
+        ("load 2", "no texture was made for slot 2"),
+        ("load x", "invalid literal"),
+    ],
+)
+def test_panel_answers_what_it_cannot_do_yet(tmp_path: Path, text: str, answer: str) -> None:
+    assert answer in ByHand(tmp_path).line(text)
+
+
+def test_panel_records_one_file_at_a_time_and_makes_it_at_its_end(tmp_path: Path) -> None:
+    by_hand = ByHand(tmp_path)
+    assert by_hand.line("record start dry").startswith("done: recording into panel-")
+    assert "one file at a time" in by_hand.line("record start")
+    assert by_hand.line("record mark") == "marker '' is no text of 1 to 1000 characters"
+    assert "is none of start, mark, stop" in by_hand.line("record pause")
+    by_hand.go_on(0.2)
+    assert by_hand.bench.recorder is not None
+    by_hand.bench.recorder.end()
+    (path,) = tmp_path.iterdir()
+    assert len(read_recording(path).channels["cof"]) >= 200
+    assert by_hand.bench.recorder.made().startswith(f"done: {path.name} has ")
+
+
+def test_panel_without_a_folder_records_nothing(by_hand: ByHand) -> None:
+    assert by_hand.line("record start") == "this panel was started without --record FOLDER"
 
 
 def test_a_stop_ends_an_identification(by_hand: ByHand) -> None:

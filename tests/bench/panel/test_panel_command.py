@@ -7,6 +7,7 @@ import socket
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
+from pathlib import Path
 from time import monotonic, process_time
 from typing import Any
 
@@ -265,6 +266,11 @@ def test_a_port_that_is_taken_is_one_line() -> None:
 @pytest.mark.parametrize("options", [("--drive",), ("--channel", "x"), ("--plate-node", "33")])
 def test_panel_command_names_missing_bus_options(options: tuple[str, ...]) -> None:
     assert refused(*options) == "a bus needs --interface; without one a bench is simulated"
+
+
+def test_a_panel_that_looks_on_records_nothing(tmp_path: Path) -> None:
+    said = refused("--interface", "virtual", "--record", str(tmp_path / "folder"))
+    assert said == "--record needs --drive: a page that looks on records nothing"
 
 
 @pytest.mark.parametrize(
