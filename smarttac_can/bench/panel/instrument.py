@@ -32,6 +32,7 @@ from smarttac_can.bench.watch.watcher import (
     Emergency,
     View,
     Watcher,
+    unit_factor,
     view_of,
 )
 from smarttac_can.bench.watch.wording import identification
@@ -400,7 +401,7 @@ class SimulatedBench(Instrument):
             # The COF is 0 where there is none.
             values = [raw for raw in columns.get(name, ()) if raw or "COF" not in name]
             if values:
-                size = self.od[name].unit.in_unit(unit)
+                size = unit_factor(self.od[name].unit, unit)
                 found[name] = min(values) * size, max(values) * size
         return found
 

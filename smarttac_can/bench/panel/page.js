@@ -5,6 +5,8 @@ const NEAR = .8;                         // share of a limit from which a readin
 const OFF = .1, HELD_S = 1, MEAN_S = 2, GROWN_S = 10;
 const RATE = 1000, BUS_LOAD = .5;        // cycles per second that are due; share of a bus that is much
 const NUDGE_MM = 1;                      // of the finger, by an arrow key
+const STEPS = "With nothing on the plate: Tare, then Identify. A mode arms by itself. " +
+  "To calibrate with weights: smarttac calibrate, in a terminal.";
 const between = (low, high) => low === undefined ? "" : `limits ${low.toFixed(0)} to ${high.toFixed(0)}`;
 const atMost = (limit, digits = 0) => limit === undefined ? "" : `limit ${limit.toFixed(digits)}`;
 // Each reading: its object, digits, what is asked for in a mode, and its limit.
@@ -124,7 +126,7 @@ function show(now) {
   write("answer", printed(now.answer));
   write("message", now.message === undefined || now.message === null ? "Its message is not known." :
     printed(now.message || "No message."));
-  write("model", printed(now.model || ""));
+  write("model", printed(now.model || STEPS));
   $("drive").textContent = now.drives ? "Release" : "Drive";
   $("drive").title = now.drives ? "You drive. Release it, at 0 V, for another page" : "Take the stimulator, if no other page drives";
   for (const each of $("modes").children) {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
+from functools import cache
 from typing import Any, Final, NamedTuple
 
 from smarttac_can.bench.link import PUBLIC, PublishedPdo, published_pdos
@@ -16,6 +17,7 @@ from smarttac_can.canopen.od.cia import Abort
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.canopen.od.timing import frame_seconds
+from smarttac_can.canopen.od.units import Quantity
 from smarttac_can.vocabulary.meanings import emergency_text, spoken
 from smarttac_can.vocabulary.states import Mode, State, Status, known_state
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, watchdogs_in
@@ -213,7 +215,7 @@ class Watcher:
         """Return the least and greatest value of objects of `PUBLISHED` since the last call."""
         found = {}
         for name, (low, high) in self._published.taken_extremes().items():
-            size = self._od[name].unit.in_unit(PUBLISHED[name])
+            size = unit_factor(self._od[name].unit, PUBLISHED[name])
             found[name] = low * size, high * size
         return found
 
@@ -359,11 +361,19 @@ def view_of(od: ObjectDictionary, seen: Mapping[str, int], read: Mapping[str, An
     )
 
 
+@cache
+def unit_factor(count: Quantity, symbol: str) -> float:
+    """Return a count of an object in a unit; every look takes those of some forty objects."""
+    return count.in_unit(symbol)
+
+
 def _values(
     od: ObjectDictionary, raw: Mapping[str, int], units: Mapping[str, str]
 ) -> dict[str, float]:
     values = {
-        name: raw[name] * od[name].unit.in_unit(unit) for name, unit in units.items() if name in raw
+        name: raw[name] * unit_factor(od[name].unit, unit)
+        for name, unit in units.items()
+        if name in raw
     }
     for cof in ("Contact.COF", "Contact.COF reference"):
         if not values.get(cof):
