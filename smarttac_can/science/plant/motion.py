@@ -59,10 +59,10 @@ class Segment(NamedTuple):
     length: float
     """In s."""
     path: Propagator
-    film_share: float
-    """Fraction by which the film nears the vibration in a sub-step."""
-    low_share: float
-    """Fraction by which the pick-up's filter nears its input in a sub-step."""
+    film_kept: float
+    """Share of its distance from the vibration that the film keeps in a sub-step."""
+    low_kept: float
+    """Share of its distance from its input that the pick-up's filter keeps in a sub-step."""
     read: bool
     """Whether it is in the pick-up's window."""
     new: bool
@@ -265,8 +265,8 @@ def _segment(parameters: PlateParameters, duration: float, *, new: bool, read: b
         number,
         length,
         propagator(length, sensors.path_frequency, sensors.path_damping),
-        film_share(length, parameters.contact.film_lag),
-        film_share(length, sensors.pickup_lag),
+        lag_kept(length, parameters.contact.film_lag),
+        lag_kept(length, sensors.pickup_lag),
         read,
         new,
     )
@@ -376,7 +376,7 @@ def _advanced(
     voltage, frequency = drive
     if TWO_PI * frequency != motion.omega:
         motion = _in_frame(motion, TWO_PI * frequency)
-    number, length, phi, share, _, _, _ = segment
+    number, length, phi, film_kept, _, _, _ = segment
     W, rate, omega, acting, v, stretch, creep, Ft, Fx, Fx_rate, pickup = motion
     bare, v_bone, shape = sliding
     friction, constants, film_lag = coefficients.fingertip
@@ -389,29 +389,28 @@ def _advanced(
     if not exact:
         stiffness = stiffness_of(mass, resonance + offset) + c_finger
         neighbour = _driven(mass, length, omega, beside * force, damping, stiffness)
-    skin_plan = skin_step(constants, length, v_bone)
-    lag_steps = film_lag / length
-    size = abs(W)
-    for _ in range(number):
+    skin = skin_step(constants, length, v_bone)
+    contact = (bare, shape, film_lag / length, film_kept)
+    # The mode is one for all sub-steps, unless it softens; only the pick-up reads between them.
+    whole = exact and not softening
+    at_once = number if whole else 1
+    for _ in range(1 if whole else number):
         if softening:
             # Of second order: the stiffness of a sub-step is that of its mean amplitude.
+            size = abs(W)
             softer = stiffness_of(mass, _fallen(resonance, softening * size)) + c_finger
             mode = _driven(mass, length, omega, force, damping, softer)
             mean = 0.5 * softening * (size + abs(vibrate(mode.step, W, rate)[0]))
             softer = stiffness_of(mass, _fallen(resonance, mean)) + c_finger
             mode = _driven(mass, length, omega, force, damping, softer)
         W0, rate0 = W, rate
-        W, rate = vibrate(mode.step, W, rate)
+        moving = (W, rate, acting, v, stretch, creep, Ft, Fx, Fx_rate)
+        W, rate, acting, v, stretch, creep, Ft, Fx, Fx_rate = slide(
+            at_once, (mode.step, skin, phi), contact, friction, moving
+        )
         if not exact:
             moved = (W0, rate0, W, rate)
             pickup = _picked_up(coefficients, segment, pickup, omega, (mode, neighbour), moved)
-        size_before, size = size, abs(W)
-        acting_before = acting
-        acting = film(acting, shape * size_before, shape * size, lag_steps, share)
-        skin = (v, stretch, creep, Ft)
-        skin, mean_Ft = slide(skin_plan, friction, bare, (acting_before, acting), skin)
-        v, stretch, creep, Ft = skin
-        Fx, Fx_rate = follow(phi, Fx, Fx_rate, mean_Ft)
     return Motion(W, rate, omega, acting, v, stretch, creep, Ft, Fx, Fx_rate, pickup)
 
 
@@ -424,27 +423,9 @@ def shape_at(x: float, ripple: float, node_distance: float) -> float:
     return 1.0 + ripple * math.cos(TWO_PI * x / node_distance)
 
 
-def film_share(duration: float, lag: float) -> float:
-    """Return the fraction of its distance that the film covers in a step, both times in s."""
-    return -math.expm1(-duration / lag) if lag else 1.0
-
-
-def film(before: float, start: float, end: float, lag_steps: float, share: float) -> float:
-    """Return the amplitude in m that acts on the skin after a step.
-
-    Parameters
-    ----------
-    before
-        The same before the step.
-    start, end
-        Amplitude at the finger's place without a film in m, before and after the step.
-    lag_steps
-        Lag of the film over the length of the step.
-    share
-        Of `film_share`.
-    """
-    late = lag_steps * (end - start)
-    return end - late + (before - start + late) * (1.0 - share)
+def lag_kept(duration: float, lag: float) -> float:
+    """Return the share of its distance that a first-order lag keeps in a step, both in s."""
+    return 1.0 + math.expm1(-duration / lag) if lag else 0.0
 
 
 def _in_frame(motion: Motion, omega: float) -> Motion:
@@ -502,7 +483,7 @@ def _picked_up(
     if lag:
         # The filter sees a ramp of the same mean.
         late = area / length + change * (0.5 - lag / length)
-        low = late + (low0 - late + change) * (1.0 - segment.low_share)
+        low = late + (low0 - late + change) * segment.low_kept
     if segment.read:
         total += area - lag * (low - low0)
     return PickUp(W2_next, rate2_next, low, total, seen)

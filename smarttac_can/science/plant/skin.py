@@ -31,15 +31,23 @@ what mass, spring and damper hold against it in a stage, that half is the slope 
 from __future__ import annotations
 
 from math import copysign, exp, sqrt
+from math import pow as power
 from typing import Final, NamedTuple
 
-from smarttac_can.science.plant.friction import FrictionMap, sliding_friction
+from smarttac_can.science.plant.force_path import Propagator
+from smarttac_can.science.plant.friction import SPEED_FLOOR, VIBRATION_FLOOR, FrictionMap
+from smarttac_can.science.plant.resonator import Response
 from smarttac_can.science.plant.subjects import Subject
 
 GAMMA: Final = 1.0 - sqrt(0.5)
 """Length of a stage as a fraction of the step."""
 BEYOND: Final = 1.0 + sqrt(2.0)
 """Where the second stage starts: ``(1 - GAMMA)/GAMMA`` of the way that the first one covered."""
+_MIDDLE_TO_FIRST: Final = GAMMA - 0.5
+"""From the middle of the step to the end of the first stage, as a fraction of the step."""
+_FIRST_TO_SECOND: Final = 1.0 - GAMMA
+_STAGES: Final = (False, True)
+"""Whether a stage is the last one."""
 
 
 class Skin(NamedTuple):
@@ -86,8 +94,10 @@ class SkinStep(NamedTuple):
     """Share that a step leaves of the force that friction does not hold."""
 
 
-SkinState = tuple[float, float, float, float]
-"""Sliding velocity in m/s, stretch and creep in m, friction force on the plate in N."""
+Sliding = tuple[complex, complex, float, float, float, float, float, float, float]
+"""Envelope of the vibration in m and its rate in m/s, vibration that acts on the skin in m, sliding
+velocity in m/s, stretch and creep in m, friction force on the plate in N, and that force behind the
+force path in N with its rate in N/s."""
 
 
 def skin_of(subject: Subject) -> Skin:
@@ -139,75 +149,109 @@ def skin_step(skin: Skin, duration: float, v_bone: float) -> SkinStep:
     )
 
 
-def slide(
-    step: SkinStep, friction: FrictionMap, bare: float, Ws: tuple[float, float], skin: SkinState
-) -> tuple[SkinState, float]:
-    """Return the skin after a step, and the mean of the friction force over the step in N.
+def slide(  # noqa: PLR0915
+    number: int,
+    steps: tuple[Response, SkinStep, Propagator],
+    contact: tuple[float, float, float, float],
+    friction: FrictionMap,
+    moving: Sliding,
+) -> Sliding:
+    """Return what moves after sub-steps of equal length: vibration, film, skin and force path.
+
+    This is the innermost loop of the plant, so it calls no function of this package, and makes no
+    tuple in a sub-step. Its parts are those of `resonator.vibrate`, `friction.sliding_friction` and
+    `force_path.follow`.
 
     Parameters
     ----------
-    step
-        Of `skin_step`.
+    number
+        Number of sub-steps.
+    steps
+        A sub-step of the vibration, where ``(1, duration, 0, 1, 0)`` is a ramp; of `skin_step`;
+        and one of the force path.
+    contact
+        Friction without vibration in N, 0 or more, where 0 is a lifted finger; ratio of the
+        vibration at the finger to the envelope; lag of the squeeze film in sub-steps, and the share
+        of its distance that it keeps in one.
     friction
         Friction map of the subject.
-    bare
-        Friction without vibration in N, 0 or more; 0 is a lifted finger.
-    Ws
-        Vibration at the finger in m, before and after the step.
-    skin
-        The skin before the step.
+    moving
+        What moves, before.
     """
-    v0, stretch0, creep0, Ft0 = skin
-    W0, W1 = Ws
-    F, slope, per_W = sliding_friction(friction, bare, 0.5 * (W0 + W1), abs(v0))
-    if bare == 0.0:
-        Ft0 = 0.0
-    elif abs(Ft0) > F:
-        Ft0 = copysign(F + (abs(Ft0) - F) * step.excess_kept, Ft0)
-    slope = max(slope, step.least_slope)
-    change = per_W * (W1 - W0)
-    F0 = F - slope * abs(v0) + (GAMMA - 0.5) * change
-    # A tangent leaves the range of the friction, if the step is long.
-    least, most = bare * friction.rho, bare * (1.0 + friction.rise)
-    v, stretch, creep, Ft = _stage(step, (v0, stretch0, creep0, Ft0), (F0, slope, least, most))
-    beyond = (
-        v0 + BEYOND * (v - v0),
-        stretch0 + BEYOND * (stretch - stretch0),
-        creep0 + BEYOND * (creep - creep0),
-        Ft0 + BEYOND * (Ft - Ft0),
-    )
-    first = Ft
-    F0 += (1.0 - GAMMA) * change
-    v, stretch, creep, Ft = _stage(step, beyond, (F0, slope, least, most))
-    # The second stage starts beyond the first, where a contact may hold more than it ever does.
-    bound = max(abs(Ft0), most)
-    Ft = max(-bound, min(bound, Ft))
-    return (v, stretch, creep, Ft), first + GAMMA * (Ft - first)
+    vibration, skin, path = steps
+    p11, p12, p21, p22, equilibrium = vibration
+    bare, shape, lag_steps, film_kept = contact
+    _, _, _, v1_per_W, W_scale, p, rho, rise, v_s = friction
+    (
+        duration, v_bone, mass, k, L, limit, pull, inertia, least_slope, kept, gained, excess_kept,
+    ) = skin  # fmt: skip
+    yy, yr, ry, rr = path
+    W, rate, acting, v, stretch, creep, Ft, Fx, Fx_rate = moving
+    least, most, sprung = bare * rho, bare * (1.0 + rise), 1.0 - gained
+    free = shape * abs(W)
+    for _ in range(number):
+        deviation = W - equilibrium
+        W, rate = equilibrium + p11 * deviation + p12 * rate, p21 * deviation + p22 * rate
 
+        # The film follows the vibration at the finger, a ramp, as a first-order lag.
+        W0, free0, free = acting, free, shape * abs(W)
+        late = lag_steps * (free - free0)
+        acting = free - late + (W0 - free0 + late) * film_kept
 
-def _stage(
-    step: SkinStep, start: SkinState, tangent: tuple[float, float, float, float]
-) -> SkinState:
-    """Return the skin after backward Euler.
+        # Friction of steady sliding, and its tangent.
+        mean, speed = 0.5 * (W0 + acting), abs(v)
+        v1 = v1_per_W * mean
+        per_speed = 1.0 / (v1 + speed + SPEED_FLOOR)
+        x = power(mean * v1 * per_speed / W_scale, p)
+        removable = (1.0 - rho) * exp(-x)
+        r = speed / v_s
+        slow = 1.0 / (1.0 + r * r)
+        s = bare * (1.0 + rise * slow)
+        F = (rho + removable) * s
+        fall = s * removable * p * x
+        per_W = -fall * (2.0 / (mean + VIBRATION_FLOOR) - v1_per_W * per_speed)
+        slope = fall * per_speed - bare * (rho + removable) * rise * 2.0 * r / v_s * slow * slow
+        slope = max(slope, least_slope)
+        change = per_W * (acting - W0)
 
-    The tangent of the friction is ``F0 + slope |v|``, and is used between the last two numbers.
-    """
-    F0, slope, least, most = tangent
-    duration, v_bone, mass, k, L, limit, pull, inertia, _, kept, gained, _ = step
-    v, stretch, creep, Ft = start
-    # (mass + h b + h^2 k) v + h Ft(v) = impulse, with u = |v|/limit the unknown,
-    # and Ft(v) = (Ft +- u (F0 + slope |v|))/(1 + u).
-    impulse = mass * v + duration * (k * ((1.0 - gained) * stretch - kept * creep) + pull)
-    push = impulse - duration * Ft
-    sign = 1.0 if push > 0.0 else -1.0
-    ahead = sign * push
-    q = inertia + duration * F0 - sign * impulse
-    square = inertia + slope * L
-    total = abs(q) + sqrt(q * q + 4.0 * square * ahead)
-    # Of the two forms of the root, the one without cancellation.
-    u = 2.0 * ahead / total if q > 0.0 else total / (2.0 * square)
-    advance = sign * u
-    v = advance * limit
-    stretch += duration * (v_bone - v)
-    Ft = (Ft + advance * max(least, min(most, F0 + slope * abs(v)))) / (1.0 + u)
-    return v, stretch, kept * creep + gained * stretch, Ft
+        if bare == 0.0:
+            Ft = 0.0
+        elif abs(Ft) > F:
+            Ft = copysign(F + (abs(Ft) - F) * excess_kept, Ft)
+        v0, stretch0, creep0, Ft0, first = v, stretch, creep, Ft, 0.0
+        F0 = F - slope * speed + _MIDDLE_TO_FIRST * change
+        for last in _STAGES:
+            # Backward Euler: (mass + h b + h^2 k) v + h Ft(v) = impulse, with u = |v|/limit the
+            # unknown, and Ft(v) = (Ft +- u (F0 + slope |v|))/(1 + u).
+            impulse = mass * v + duration * (k * (sprung * stretch - kept * creep) + pull)
+            push = impulse - duration * Ft
+            sign = 1.0 if push > 0.0 else -1.0
+            ahead = sign * push
+            q = inertia + duration * F0 - sign * impulse
+            square = inertia + slope * L
+            total = abs(q) + sqrt(q * q + 4.0 * square * ahead)
+            # Of the two forms of the root, the one without cancellation.
+            u = 2.0 * ahead / total if q > 0.0 else total / (2.0 * square)
+            v = sign * u * limit
+            stretch += duration * (v_bone - v)
+            creep = kept * creep + gained * stretch
+            level = F0 + slope * abs(v)
+            # A tangent leaves the range of the friction, if the step is long.
+            level = most if level > most else least if level < least else level
+            Ft = (Ft + sign * u * level) / (1.0 + u)
+            if not last:
+                first = Ft
+                v = v0 + BEYOND * (v - v0)
+                stretch = stretch0 + BEYOND * (stretch - stretch0)
+                creep = creep0 + BEYOND * (creep - creep0)
+                Ft = Ft0 + BEYOND * (Ft - Ft0)
+                F0 += _FIRST_TO_SECOND * change
+        # The second stage starts beyond the first, where a contact may hold more than it ever does.
+        bound = abs(Ft0) if abs(Ft0) > most else most
+        Ft = bound if Ft > bound else -bound if Ft < -bound else Ft
+
+        # The force path gets the mean of the friction force over the sub-step.
+        force = first + GAMMA * (Ft - first)
+        behind = Fx - force
+        Fx, Fx_rate = force + yy * behind + yr * Fx_rate, ry * behind + rr * Fx_rate
+    return W, rate, acting, v, stretch, creep, Ft, Fx, Fx_rate

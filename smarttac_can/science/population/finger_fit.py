@@ -45,7 +45,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from smarttac_can.science.plant.force_path import Propagator, follow, propagator
+from smarttac_can.science.plant.force_path import Propagator, propagator
 from smarttac_can.science.plant.friction import FrictionMap, bare_friction
 from smarttac_can.science.plant.motion import SUBSTEPS
 from smarttac_can.science.plant.parameters import TWO_PI, SensorParameters, require
@@ -193,7 +193,7 @@ def _slid(
     friction: FrictionMap,
     skin: Skin,
     constants: tuple[float, Propagator],
-    shares: Sequence[float],
+    nearing: tuple[float, float],
     rows: Sequence[Sequence[float]],
     out: Floats,
 ) -> None:
@@ -205,33 +205,33 @@ def _slid(
         The finger.
     constants
         Rise of the occlusion in a tick, and a sub-step of the force path.
-    shares
-        Share of its change in a tick that the vibration has made after each sub-step.
+    nearing
+        Share of its distance from where it goes that the vibration keeps in a sub-step, and that
+        distance as a multiple of its change in the tick.
     rows
         Position in m, normal force in N and vibration in m of each tick.
     out
         Two numbers for each tick.
     """
     wetting, path = constants
-    number = len(shares)
-    length = TICK / number
-    state = (0.0, 0.0, 0.0, 0.0)
-    force = rate = occlusion = 0.0
+    kept, beyond = nearing
+    length = TICK / SUBSTEPS
+    v = stretch = creep = Ft = force = rate = occlusion = 0.0
     x, Fn, W = rows[0][0], rows[0][1], rows[0][2]
     for tick in range(1, len(rows)):
         row = rows[tick]
         mean_Fn = 0.5 * (Fn + row[1])
         occlusion += ((1.0 if mean_Fn > _TOUCHING else 0.0) - occlusion) * wetting
-        bare = bare_friction(friction, mean_Fn, occlusion)
+        contact = (bare_friction(friction, mean_Fn, occlusion), 1.0, 0.0, 0.0)
         step = skin_step(skin, length, (row[0] - x) / TICK)
-        v, before = state[0], W
-        for share in shares:
-            after = W + (row[2] - W) * share
-            state, mean = slide(step, friction, bare, (before, after), state)
-            before = after
-            force, rate = follow(path, force, rate, mean)
+        vibration = (complex(kept), 0j, 0j, 0j, complex(W + beyond * (row[2] - W)))
+        moving = (complex(W), 0j, W, v, stretch, creep, Ft, force, rate)
+        v0 = v
+        _, _, _, v, stretch, creep, Ft, force, rate = slide(
+            SUBSTEPS, (vibration, step, path), contact, friction, moving
+        )
         out[tick, 0] = force
-        out[tick, 1] = (state[0] - v) / TICK
+        out[tick, 1] = (v - v0) / TICK
         x, Fn, W = row[0], row[1], row[2]
 
 
@@ -279,7 +279,6 @@ class _Model:
         self._rows = rows
         self._compiled = can_compile()
         self._run = compiled(_slid) if self._compiled else _slid
-        self._ticks = np.arange(1, SUBSTEPS + 1) * (TICK / SUBSTEPS)
 
     def residuals(self, u: Floats, given: Floats | None = None) -> Floats:
         """Return the residuals of each channel, 0 where they are not judged."""
@@ -306,13 +305,13 @@ class _Model:
             s["release_time"],
         )
         constants = (-expm1(-TICK / s["occlusion_time"]), self._path)
-        shares = np.expm1(-self._ticks / s["_decay"]) / expm1(-TICK / s["_decay"])
+        nearing = (exp(-TICK / SUBSTEPS / s["_decay"]), -1.0 / expm1(-TICK / s["_decay"]))
         table = self._rows.given if given is None else given
         out = np.zeros((len(table), 2))
         if self._compiled:
-            self._run(friction, skin, constants, shares, table, out)  # type: ignore[arg-type]
+            self._run(friction, skin, constants, nearing, table, out)  # type: ignore[arg-type]
         else:
-            self._run(friction, skin, constants, shares.tolist(), table.tolist(), out)
+            self._run(friction, skin, constants, nearing, table.tolist(), out)
         out[:, 0] += s["_zero"]
         seen = self._rows.seen
         return np.where(self._rows.judged, out.T[: len(seen)] - seen, 0.0)

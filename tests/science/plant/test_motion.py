@@ -1,6 +1,5 @@
 """Within a tick: the film over the skin, the ripple of the mode, and sub-steps enough."""
 
-import itertools
 import math
 
 import numpy as np
@@ -8,13 +7,16 @@ import pytest
 
 from smarttac_can.science.plant import motion
 from smarttac_can.science.plant.finger import Stroke, Trajectory
-from smarttac_can.science.plant.motion import film, film_share, shape_at
+from smarttac_can.science.plant.force_path import propagator
+from smarttac_can.science.plant.friction import friction_map
+from smarttac_can.science.plant.motion import lag_kept, shape_at
 from smarttac_can.science.plant.parameters import (
     ContactParameters,
     PlateParameters,
     SensorParameters,
 )
 from smarttac_can.science.plant.plate import Plate
+from smarttac_can.science.plant.skin import skin_of, skin_step, slide
 from smarttac_can.science.plant.subjects import SUBJECTS
 from smarttac_can.vocabulary.signals import Drive
 
@@ -30,12 +32,14 @@ def make(finger, **contact):
 @pytest.mark.parametrize("steps", [1, 4, 16])
 def test_film_follows_a_ramp_as_first_order_lag_at_any_step(steps):
     lag, duration = 2e-3, 3e-3
-    share = film_share(duration / steps, lag)
-    ramp = np.linspace(1e-6, 4e-6, steps + 1)
-    acting = 0.0
-    for start, end in itertools.pairwise(ramp):
-        acting = film(acting, start, end, lag * steps / duration, share)
-    rate = 3e-6 / duration
+    length, rate = duration / steps, 3e-6 / duration
+    contact = (0.2, 1.0, lag / length, lag_kept(length, lag))
+    skin = skin_step(skin_of(SUBJECTS[1]), length, 0.05)
+    ramp = (1.0 + 0j, length + 0j, 0j, 1.0 + 0j, 0j)
+    path = propagator(length, 300.0, 0.7)
+    moving = (1e-6 + 0j, rate + 0j, *[0.0] * 7)
+    moving = slide(steps, (ramp, skin, path), contact, friction_map(SUBJECTS[1], 43390.0), moving)
+    acting = moving[2]
     steady = 4e-6 - rate * lag
     assert acting == pytest.approx(steady + (rate * lag - 1e-6) * math.exp(-1.5), rel=1e-12)
 
@@ -43,7 +47,7 @@ def test_film_follows_a_ramp_as_first_order_lag_at_any_step(steps):
 def test_the_shape_is_that_of_the_place():
     for x, shape in ((0.0, 1.1), (4e-3, 0.9), (8e-3, 1.1), (-2e-3, 1.0), (-12e-3, 0.9)):
         assert shape_at(x, 0.1, 8e-3) == pytest.approx(shape)
-    assert film(1e-6, 0.0, 1.1 * 2e-6, 0.0, film_share(1e-3, 0.0)) == pytest.approx(2.2e-6)
+    assert lag_kept(1e-3, 0.0) == 0.0, "without a lag the film is where the vibration is"
 
 
 def test_off_by_default_to_the_bit():

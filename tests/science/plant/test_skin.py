@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from smarttac_can.science.plant.force_path import Propagator
 from smarttac_can.science.plant.friction import friction_map, sliding_friction
 from smarttac_can.science.plant.skin import skin_of, skin_step, slide
 from smarttac_can.science.plant.subjects import SUBJECTS
@@ -18,6 +19,8 @@ from smarttac_can.science.population.fingers import Case, draw_finger
 F0 = 43390.0
 BARE = 0.2
 STEP = 0.25e-3
+AT_ONCE = Propagator(0.0, 0.0, 0.0, 0.0)
+"""A force path without a lag: behind it is the mean of the friction force."""
 
 
 def level(subject, W, v, bare=BARE):
@@ -31,6 +34,7 @@ class Finger:
         self.subject = subject
         self.friction = friction_map(subject, F0)
         self.skin = (0.0, 0.0, 0.0, 0.0)
+        """Velocity, stretch, creep and friction force."""
 
     def slide(self, duration, vibrations, v_bone, bare):
         return [self.ramp(duration, (W, W), v_bone, bare)[0] for W in vibrations]
@@ -38,8 +42,12 @@ class Finger:
     def ramp(self, duration, Ws, v_bone, bare=BARE):
         """Slide while the vibration changes at a constant rate; return friction and its mean."""
         step = skin_step(skin_of(self.subject), duration, v_bone)
-        self.skin, mean = slide(step, self.friction, bare, Ws, self.skin)
-        return self.skin[3], mean
+        W0, W1 = map(complex, Ws)
+        ramp = (1.0 + 0j, duration + 0j, 0j, 1.0 + 0j, 0j)
+        moving = (W0, (W1 - W0) / duration, Ws[0], *self.skin, 0.0, 0.0)
+        moving = slide(1, (ramp, step, AT_ONCE), (bare, 1.0, 0.0, 0.0), self.friction, moving)
+        self.skin = moving[3:7]
+        return self.skin[3], moving[7]
 
     @property
     def v(self):
