@@ -83,7 +83,7 @@ class Emergency(Service):
         Abort
             NO_DATA for an unused entry.
         """
-        used = self._history if self._count is None else self._history[: self._count.value]
+        used = self._history if self._count is None else self._history[: int(self._count.value)]
         if entry in self._history and entry not in used:
             raise Abort(AbortCode.NO_DATA)
 

@@ -58,7 +58,7 @@ _VISIBLE: Final = bytes([0, *b"\t\n\r", *range(0x20, 0x7F)])
 _REPLACED: Final = {code: "?" for code in range(0x80) if code not in _VISIBLE}
 
 
-def bounds(data_type: DataType) -> tuple[float, float]:
+def bounds(data_type: DataType) -> tuple[int | float, int | float]:
     """Return the smallest and the largest value of a numeric type; (0, 0) for any other type."""
     if data_type in UNSIGNED:
         return 0, (1 << 8 * UNSIGNED[data_type]) - 1

@@ -82,8 +82,8 @@ class Entry:
         data_type: DataType,
         access: str,
         *,
-        low: float | None = None,
-        high: float | None = None,
+        low: int | float | None = None,
+        high: int | float | None = None,
         default: Any = 0,
         pdo: bool = False,
         unit: Quantity = ONE,
@@ -94,8 +94,9 @@ class Entry:
         self.name = name
         self.data_type = data_type
         self.access = access
-        self.low = least if low is None else low
-        self.high = most if high is None else high
+        # Not float: a compiler would make floats of integers.
+        self.low: int | float = least if low is None else low
+        self.high: int | float = most if high is None else high
         self.default: Any = default
         self.value: Any = default
         self.source: Callable[[], Any] | None = None
@@ -222,7 +223,9 @@ class Entry:
             LENGTH for a wrong type, TOO_LOW, TOO_HIGH, VALUE (not a number), TOO_LONG.
         """
         if self.data_type in _INTEGER or self.data_type in REAL:
-            if not isinstance(value, int if self.data_type in _INTEGER else int | float):
+            # Any, or a compiler takes the value for an int.
+            number: Any = int if self.data_type in _INTEGER else int | float
+            if not isinstance(value, number):
                 raise Abort(AbortCode.LENGTH)
             if value < self.low:
                 raise Abort(AbortCode.TOO_LOW, f"{self.name} {value} is below {self.low}")

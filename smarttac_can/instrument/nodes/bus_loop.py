@@ -30,7 +30,7 @@ first SYNC, silence, a full second, a session of the plate.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Final
+from typing import Any, Final
 
 from smarttac_can.canopen.device.device import GONE_AFTER_US, Device
 from smarttac_can.canopen.device.port import Clock
@@ -269,7 +269,7 @@ class BusLoop:
         """Number of the plate's session, 0..255."""
         return self._pairing.session
 
-    def on_write(self, entry: Entry, value: int) -> None:
+    def on_write(self, entry: Entry, value: Any) -> None:
         """Apply a write to one of the deadlines, even while a deadline is running."""
         ms = self._deadline.with_write(entry, value)
         if ms is not None:

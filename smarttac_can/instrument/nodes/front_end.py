@@ -152,7 +152,7 @@ class FrontEnd:
     def _at_large(self) -> bool:
         return self._commanded == 0.0 and abs(self.stage.voltage) > STAGE_TOLERANCE
 
-    def on_write(self, entry: Entry, value: int) -> None:
+    def on_write(self, entry: Entry, value: Any) -> None:
         """Refuse a write to an object of the simulation.
 
         Raises

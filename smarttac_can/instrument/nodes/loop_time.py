@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 from smarttac_can.canopen.device.device import Device
 from smarttac_can.canopen.device.port import Clock
@@ -82,11 +82,11 @@ class Deadline:
         self.window = sync_window(self.ms)
         self.tolerance = sync_tolerance(self.ms)
 
-    def with_write(self, entry: Entry, value: int) -> int | None:
+    def with_write(self, entry: Entry, value: Any) -> int | None:
         """Return the deadline in ms after a write; None if the entry is not one of its timers."""
         if entry not in self._entries:
             return None
-        return min(value, *(int(other.value) for other in self._entries if other is not entry))
+        return min(int(value), *(int(other.value) for other in self._entries if other is not entry))
 
 
 class LoopPeriod:

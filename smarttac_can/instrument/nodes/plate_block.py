@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enum import Enum
-from typing import Final
+from typing import Any, Final
 
 from smarttac_can.canopen.od.cia import Abort, AbortCode
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
@@ -105,7 +105,7 @@ class SimulatedPlate:
     def repeat_zero(self) -> None:
         """Do nothing: a simulated stage always obeys 0 V."""
 
-    def on_write(self, entry: Entry, value: int) -> None:
+    def on_write(self, entry: Entry, value: Any) -> None:
         """Act on a write before it is made.
 
         Raises
@@ -378,7 +378,7 @@ class PlateBlock:
         """
         self.od.write(name, raw, self.on_write)
 
-    def on_write(self, entry: Entry, value: int) -> None:
+    def on_write(self, entry: Entry, value: Any) -> None:
         """Act on a write before it is made.
 
         Raises
