@@ -103,8 +103,7 @@ def warn_without_numba(besides: str = "") -> None:
     """Warn that what numba would compile takes long; `besides` is what else is slower then."""
     if not can_compile():
         click.echo(
-            "numba is not installed, or the package was compiled by mypyc, for which there is no "
-            f"numba: it takes some 30 times as long{besides}: "
+            f"numba is not installed: it takes some 30 times as long{besides}: "
             "pip install 'smarttac-can[campaign]'",
             err=True,
         )

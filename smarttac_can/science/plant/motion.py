@@ -8,6 +8,7 @@ the sensors at its end. Numba and mypyc compile it as it stands. The amplitude a
 from __future__ import annotations
 
 import math
+from builtins import complex  # mypyc finds it by name in a named tuple
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 

@@ -385,7 +385,9 @@ def traces_of(campaign: Campaign, finger: Finger, under: Plate = MODEL_PLATE) ->
     off, on = Asked(int(Mode.OFF), setpoint), Asked(int(Mode.FRICTION), setpoint)
     loop, sums = run_loop(setup, plan, loop, off, table(noise[: TARE_SAMPLES + 1]), traces)
     tared = plan._replace(zero=tuple([total / TARE_SAMPLES for total in sums]))
-    loop = loop._replace(controls=adopted(plan, tared, loop.controls))
+    # Without the rows, which are the same: compiled code compares arrays by their elements.
+    before, after = plan._replace(rows=()), tared._replace(rows=())
+    loop = loop._replace(controls=adopted(before, after, loop.controls))
     run_loop(setup, tared, loop, on, table(noise), traces)
     mu_true, mu, right = np.ascontiguousarray(traces.T)
     return Traces(mu_true, mu, right, _steady(ticks, stroke.path, passes, case.lifts))
