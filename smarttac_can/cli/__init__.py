@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 import click
 
-from smarttac_can import __version__
+from smarttac_can import __version__, build
 from smarttac_can.host.process_signals import endings_interrupt
 
 EXAMPLE = """\b
@@ -90,7 +90,7 @@ class _Families(click.Group):
 @click.group(
     cls=_Families, epilog=EXAMPLE, context_settings={"help_option_names": ["-h", "--help"]}
 )
-@click.version_option(__version__)
+@click.version_option(f"{__version__} ({build()})")
 @click.pass_context
 def main(context: click.Context) -> None:
     """SMARTTAC as a CANopen instrument: nodes, plate simulator and the paper's experiments."""

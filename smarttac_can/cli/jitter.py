@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 
+from smarttac_can import build
 from smarttac_can.assurance.timing.loop_run import LoopRun, measure_loop
 from smarttac_can.assurance.timing.loop_timing import CURVES, DEADLINE_RULE, SHORTEST_MS, LoopTiming
 from smarttac_can.cli.shared import (
@@ -96,7 +97,7 @@ def jitter(
             raise click.ClickException(f"the loop never ran: no drive came on {bus.where}")
         figures = run.timing.as_json()
         state = None if run.state is None else run.state.name.lower()
-        ending = {"state": state, "message": run.message, "refused": run.refused}
+        ending = {"state": state, "message": run.message, "refused": run.refused, "build": build()}
         write_results(figures | ending, _table(figures, run, plate_node))
         if folder is not None:
             _draw(run.timing, folder / PICTURE)
@@ -142,6 +143,7 @@ def _table(figures: dict[str, Any], run: LoopRun, plate_node: int | None) -> Ite
     yield f"at most {figures['gap_max_us'] / 1e3:.2f} ms between two drives"
     yield from _promise(figures)
     yield _end(run, plate_node)
+    yield f"what runs in a cycle: {'compiled modules' if build() == 'compiled' else 'the sources'}"
 
 
 def _promise(figures: dict[str, Any]) -> Iterator[str]:

@@ -14,7 +14,8 @@ import pytest
 from commands import refusal, succeed
 from commands_of import commands_of
 
-from smarttac_can import __version__
+import smarttac_can
+from smarttac_can import __version__, build
 from smarttac_can.cli import main
 
 COMMANDS = sorted(main.list_commands(click.Context(main)))
@@ -44,7 +45,22 @@ def test_help_shows_an_example(command: tuple[str, ...], flag: str) -> None:
 
 
 def test_version() -> None:
-    assert __version__ in succeed("--version")
+    assert succeed("--version").endswith(f"version {__version__} ({build()})\n")
+
+
+@pytest.mark.parametrize(
+    ("file", "named"),
+    [
+        ("skin.py", "sources"),
+        ("skin.cpython-311-x86_64-linux-gnu.so", "compiled"),
+        ("skin.cp312-win_amd64.pyd", "compiled"),
+    ],
+)
+def test_the_build_is_named_by_the_file_of_the_loop(monkeypatch, tmp_path, file, named) -> None:
+    (tmp_path / "science" / "plant").mkdir(parents=True)
+    (tmp_path / "science" / "plant" / file).touch()
+    monkeypatch.setattr(smarttac_can, "__file__", str(tmp_path / "__init__.py"))
+    assert build() == named
 
 
 def test_as_a_module() -> None:

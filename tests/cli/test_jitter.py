@@ -19,7 +19,7 @@ from nodes_on_a_bus import GUARD_S, driven_voltages, multicast_options, processe
 DELAYS = {"p50_us", "p99_us", "p999_us", "max_us"}
 KEYS = {
     *("sync", "drive", "measurement", "missed", "ticks", "lost", "deadline_ms", "gap_max_us"),
-    *("stage", "state", "message", "refused"),
+    *("stage", "state", "message", "refused", "build"),
 }
 
 PATIENCE_S = 20.0
