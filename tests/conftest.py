@@ -16,6 +16,7 @@ from compile_once import compile_once
 from hypothesis import HealthCheck, settings
 from read_once import read_once
 
+from smarttac_can import build
 from smarttac_can.bench import simulation
 
 pytest.register_assert_rewrite("every_bus")
@@ -38,6 +39,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         action="store_true",
         help="write what the nodes do now over the transcripts under tests/instrument/nodes/golden",
     )
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    if build() == "compiled":
+        for item in items:
+            if item.get_closest_marker("sources"):
+                item.add_marker(pytest.mark.skip(reason="it replaces a part that is compiled"))
 
 
 def pytest_collection_finish() -> None:

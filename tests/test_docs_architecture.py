@@ -28,6 +28,7 @@ ROWS = table("To change this, go there")
 ADDITIONS = table("What a change touches")
 
 
+@pytest.mark.sources
 def test_the_cycle_is_as_it_stands_in_the_file() -> None:
     shown = re.search(r"```py\n(.*?)```", section("The cycle"), re.DOTALL)
     assert shown is not None

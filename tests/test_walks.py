@@ -63,6 +63,7 @@ def test_an_sdo_write_changes_room_at_most_15_times(bench: Stimulator) -> None:
     assert bench.amplitude == 1.2
 
 
+@pytest.mark.sources
 def test_a_driven_cycle_takes_at_most_221_calls_but_the_plant(
     bench: Stimulator,
 ) -> None:

@@ -598,7 +598,8 @@ def blaming(eds: Path | None) -> Iterator[None]:
         if eds is None:
             raise
         reason = error.args[0] if isinstance(error, KeyError) else error
-        if KeyError in (type(error), type(error.__cause__)):
+        # Not the cause, which a compiled module does not set.
+        if KeyError in (type(error), type(error.__context__)):
             reason = f"{reason}, so it is of another version: {_OWN_EDS}"
         message = one_line(f"{eds} does not suit the device: {reason}")
         raise click.ClickException(message) from error

@@ -4,6 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from rich_eds import RICH_EDS
 
 ROOMS = ("canopen", "_faces")
@@ -56,6 +57,7 @@ print(sorted({name.split(".")[1] for name in sys.modules if name.startswith("sma
 """
 
 
+@pytest.mark.sources
 def test_kit_runs_without_the_rooms_of_the_instrument(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-c", f"ROOMS = {ROOMS}\n{SCRIPT}", RICH_EDS],

@@ -71,6 +71,7 @@ def test_strings_and_domains_of_any_length(data: bytes, announce: bool) -> None:
     assert upload(device, 0x2300, 0) == data
 
 
+@pytest.mark.sources
 def test_segmented_write_of_too_many_bytes_or_too_few(monkeypatch: pytest.MonkeyPatch) -> None:
     device, most = started(), fewer_bytes(monkeypatch)
     assert write_segmented(device, 0x2012, bytes(9)) == 0x06070012

@@ -113,6 +113,7 @@ def test_any_length(size: int, block_size: int) -> None:
     assert read_block(device, block_size) == data
 
 
+@pytest.mark.sources
 def test_the_most_bytes_and_not_a_byte_more(monkeypatch: pytest.MonkeyPatch) -> None:
     device, most = started(), fewer_bytes(monkeypatch)
     data = TEXT * 2

@@ -392,6 +392,7 @@ class Loop:
         return (self.clock.now - begun) // 1000
 
 
+@pytest.mark.sources
 def test_last_pdo_of_a_measurement_is_answered() -> None:
     loop = Loop()
     loop.sync()
@@ -405,6 +406,7 @@ def test_a_measurement_without_a_sync_is_not_answered() -> None:
     assert loop.od["Cycle.Surplus measurements"].value == 1
 
 
+@pytest.mark.sources
 @pytest.mark.parametrize(
     ("writes", "ms"),
     [
@@ -425,6 +427,7 @@ def test_the_shortest_of_the_deadlines_holds_from_its_write_on(
     assert loop.over_after() == ms
 
 
+@pytest.mark.sources
 def test_a_write_to_anything_else_leaves_the_deadline() -> None:
     loop = Loop()
     loop.answer()
@@ -432,6 +435,7 @@ def test_a_write_to_anything_else_leaves_the_deadline() -> None:
     assert loop.over_after() == 3
 
 
+@pytest.mark.sources
 def test_missing_measurement_is_seen_from_the_deadline_on() -> None:
     loop = Loop()
     loop.answer()

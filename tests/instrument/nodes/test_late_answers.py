@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 
 from smarttac_can.instrument.nodes.bus_loop import LateAnswers
 
+pytestmark = pytest.mark.sources
+
 
 class Queue:
     """Ticks of a plate that hears all SYNCs but those told, and a stimulator that answers them."""

@@ -84,6 +84,7 @@ def test_hardware_is_asked_for_no_more_than_it_has() -> None:
     assert plate.od["Stage.Voltage"].read() == 2000
 
 
+@pytest.mark.sources
 @pytest.mark.parametrize(
     ("mode", "laws"),
     [

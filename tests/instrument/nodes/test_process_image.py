@@ -156,6 +156,7 @@ WRITES = st.one_of(
 )
 
 
+@pytest.mark.sources
 @given(acts=st.lists(st.one_of(st.integers(1, 5), WRITES), max_size=30))
 @settings(max_examples=100, deadline=None)
 def test_read_backs_are_those_of_the_last_cycle(

@@ -150,6 +150,7 @@ def test_drives_that_are_late_are_no_fault_before_the_deadline(amplitude: int, l
     assert abs(rig.plate.od["Vibration.W_d"].value - 10 * amplitude) < 200
 
 
+@pytest.mark.sources
 def test_late_drives_above_a_lowered_limit_end_the_run(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

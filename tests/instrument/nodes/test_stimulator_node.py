@@ -582,6 +582,7 @@ class Told:
         self.publishing.report()
 
 
+@pytest.mark.sources
 @pytest.mark.parametrize("event_driven", [(), (2,), (3,), (4,), (2, 3, 4)])
 def test_cycle_sends_the_status_and_tpdos_of_type_254(event_driven: tuple[int, ...]) -> None:
     told = Told()
@@ -591,6 +592,7 @@ def test_cycle_sends_the_status_and_tpdos_of_type_254(event_driven: tuple[int, .
     assert told.triggered == [STATUS_TPDO, *event_driven]
 
 
+@pytest.mark.sources
 def test_a_state_is_the_status_alone_and_the_last_time_is_all() -> None:
     told = Told()
     told.publishing.status()
@@ -600,6 +602,7 @@ def test_a_state_is_the_status_alone_and_the_last_time_is_all() -> None:
     assert told.triggered == [1, 2, 3, 4]
 
 
+@pytest.mark.sources
 @pytest.mark.parametrize(
     ("state", "source"),
     [(State.RUNNING, STIMULATOR_ID), (State.READY, STIMULATOR_ID), (State.FAULT, 0xA0)],
@@ -615,6 +618,7 @@ def test_drive_check_covers_sender_and_fault(state: State, source: int) -> None:
     assert told.triggered == [DRIVE_TPDO]
 
 
+@pytest.mark.sources
 def test_latched_fault_is_sent_once_and_cleared_by_its_reset() -> None:
     told = Told()
     told.tell(NMT)
@@ -630,6 +634,7 @@ def test_latched_fault_is_sent_once_and_cleared_by_its_reset() -> None:
     assert told.triggered == [STATUS_TPDO] * 2
 
 
+@pytest.mark.sources
 def test_nothing_latched_is_nothing_told() -> None:
     told = Told()
     told.tell(0)
@@ -637,6 +642,7 @@ def test_nothing_latched_is_nothing_told() -> None:
     assert (told.emergencies, told.cleared, told.triggered) == ([], [], [])
 
 
+@pytest.mark.sources
 def test_fault_latched_before_or_in_a_reset_is_sent_after_it() -> None:
     told = Told()
     told.tell(BUS_OFF)

@@ -27,6 +27,8 @@ BUS_OFF_TEXT = "the CAN controller is bus-off"
 ASKED = Drive(20.0, 43390.0)
 LOWEST, HIGHEST = 43000.0, 44000.0
 
+pytestmark = pytest.mark.sources
+
 
 class Loop:
     """A supervisor with watchdogs set by a test."""

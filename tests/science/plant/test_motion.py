@@ -80,6 +80,7 @@ def test_friction_falls_later_behind_a_film_and_ends_the_same():
     assert drops[1][1] == pytest.approx(drops[0][1], rel=1e-3)
 
 
+@pytest.mark.sources
 def test_substeps_behind_a_film_are_enough(monkeypatch):
     """The reference takes 64 sub-steps; the vibration begins under a sliding finger."""
 
@@ -122,6 +123,7 @@ def test_the_load_on_the_mode_is_that_of_the_place(x, more):
     assert (abs(shaped.W) < abs(even.W)) == more
 
 
+@pytest.mark.sources
 def test_substeps_are_enough(monkeypatch):
     """While the finger slides, the lateral force is within a fiftieth of the gauges' noise.
 

@@ -18,6 +18,7 @@ def _calls_doubled(x):
     return doubled(x)
 
 
+@pytest.mark.sources
 def test_compiled_function_equals_the_plain_one_and_leaves_it():
     friction = friction_map(SUBJECTS[0], 43390.0)
     fast = compiled(bare_friction)

@@ -10,7 +10,7 @@ from smarttac_can.science.population.fingers import CASES, F0, TRAVEL, draw_fing
 from smarttac_can.science.population.trial import Campaign, outcome, traces_of
 from smarttac_can.vocabulary.states import Law, VibrationLaw
 
-pytestmark = pytest.mark.usefixtures("compiled_once")
+pytestmark = [pytest.mark.usefixtures("compiled_once"), pytest.mark.sources]
 CASE = CASES["nominal"]
 DEAD_TIME_US = 540
 
