@@ -9,6 +9,8 @@ from smarttac_can.vocabulary.states import IdentificationState, Mode
 
 _AT: Final = 0.999
 """Share of a limit from which a value is at it, as it is published in steps."""
+_NEAR: Final = 0.95
+"""The same for the amplitude, which has the noise of the pick-up."""
 _REFUSED: Final = "identification: "
 """Beginning of the Message after an identification that has failed."""
 
@@ -37,7 +39,7 @@ def limits_in_the_way(values: Mapping[str, float], mode: str) -> dict[str, str]:
     most_w = values.get("Limit.Amplitude", 0.0)
     if mode == Mode.OPEN_LOOP.name.lower().replace("_", " "):
         return {"Vibration.Voltage": f"cut: the bare plate reaches its limit of {most_w:g} um"}
-    if values.get("Vibration.Amplitude", 0.0) >= 0.95 * most_w > 0.0:
+    if values.get("Vibration.Amplitude", 0.0) >= _NEAR * most_w > 0.0:
         return {"Vibration.Amplitude": f"at its limit of {most_w:g} um"}
     bound_w = values.get("Limit.Amplitude by drive")
     to = "" if bound_w is None else f" to {bound_w:g} um"

@@ -11,6 +11,7 @@ from smarttac_can.canopen.device.port import Port
 from smarttac_can.canopen.device.service import Application, Service, check_cob_id, usable
 from smarttac_can.canopen.od import cia
 from smarttac_can.canopen.od.cia import Abort, AbortCode, EmergencyCode, ErrorRegister
+from smarttac_can.canopen.od.data_types import UNSIGNED
 from smarttac_can.canopen.od.dictionary import ObjectDictionary
 from smarttac_can.canopen.od.entry import Entry
 
@@ -33,7 +34,10 @@ class Emergency(Service):
         self._register = od.get(cia.ERROR_REGISTER)
         field = od.objects.get(cia.ERROR_FIELD)
         members = {} if field is None else field.entries
-        self._count = members.get(0)
+        count = members.get(0)
+        # A foreign EDS may give it any type.
+        counts = count is not None and count.data_type in UNSIGNED
+        self._count = count if counts else None
         self._history = [entry for subindex, entry in sorted(members.items()) if subindex]
 
     def report(self, code: int, register: int, vendor: bytes = b"", source: int = 0) -> None:
@@ -83,7 +87,7 @@ class Emergency(Service):
         Abort
             NO_DATA for an unused entry.
         """
-        used = self._history if self._count is None else self._history[: int(self._count.value)]
+        used = self._history if self._count is None else self._history[: self._count.value]
         if entry in self._history and entry not in used:
             raise Abort(AbortCode.NO_DATA)
 

@@ -122,7 +122,15 @@ def server_of_bytes(index: str, *subs: int) -> bytes:
     return "\n".join(lines).encode()
 
 
+def history_counted_by(data_type: int, default: str) -> bytes:
+    """A file whose number of errors has another type than UNSIGNED8."""
+    lines = ["[1003]", "ParameterName=Errors", "ObjectType=7", "AccessType=ro"]
+    return "\n".join([*lines, f"DataType={data_type}", f"DefaultValue={default}"]).encode()
+
+
 @given(content=files())
+@example(content=history_counted_by(8, "-1"))
+@example(content=history_counted_by(9, "text"))
 @example(content=server_of_bytes("1200", 2))
 @example(content=server_of_bytes("1200", 1))
 @example(content=server_of_bytes("1201", 1, 2))
