@@ -61,7 +61,7 @@ from smarttac_can.host.realtime import (
     request_short_slices,
 )
 from smarttac_can.host.reconnecting_bus import ReconnectingBus
-from smarttac_can.host.runner import Observer, run_node
+from smarttac_can.host.runner import run_node
 from smarttac_can.host.terminal import LineWriter
 from smarttac_can.instrument.nodes.device_node import DeviceNode
 from smarttac_can.instrument.nodes.plate_block import TICK_MASK, PlateBlock
@@ -77,7 +77,7 @@ from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 _DOUBLE: Final = 1 << Watchdog.DOUBLE
 
 
-class StateLines(Observer):
+class StateLines:
     """Print the state of a node, as an `Observer` of its run: a line for every change.
 
     Parameters

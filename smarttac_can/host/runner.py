@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager, suppress
 from time import monotonic_ns, sleep
-from typing import Final
+from typing import Final, Protocol
 
 from smarttac_can.canopen.bus.bus import Bus, BusError, QueueFullError
 from smarttac_can.canopen.bus.node import HostedNode, is_overtaken
@@ -71,8 +71,8 @@ _END_S: Final = 10.0
 """Longest time in s that a node in a thread takes to end."""
 
 
-class Observer:
-    """Base of what follows the state of a node for people; each method here does nothing."""
+class Observer(Protocol):
+    """What follows the state of a node for people."""
 
     def started(self) -> None:
         """Handle that the node has been switched on."""
@@ -87,7 +87,19 @@ class Observer:
         """Handle that the node was shut down."""
 
 
-_NOBODY: Final = Observer()
+class _Nobody:
+    """The observer of a node that nobody follows."""
+
+    def started(self) -> None: ...
+
+    def follow(self) -> None: ...
+
+    def full(self, reason: QueueFullError) -> None: ...
+
+    def stopped(self) -> None: ...
+
+
+_NOBODY: Final = _Nobody()
 
 
 def run_node(

@@ -160,6 +160,18 @@ class PunctualNode(ToyNode):
         self.missed += self._loop.missed
 
 
+class Nobody:
+    """An observer that does nothing."""
+
+    def started(self) -> None: ...
+
+    def follow(self) -> None: ...
+
+    def full(self, reason: QueueFullError) -> None: ...
+
+    def stopped(self) -> None: ...
+
+
 def run(
     node: ToyNode,
     host: Host,
@@ -173,13 +185,13 @@ def run(
         host,
         host.at_end,
         lockstep=lockstep,
-        observer=observer or Observer(),
+        observer=observer or Nobody(),
         resting=resting,
         **host.time,
     )
 
 
-class Follower(Observer):
+class Follower(Nobody):
     """Notes when it was called."""
 
     def __init__(self, host: Host) -> None:
@@ -490,7 +502,7 @@ def test_full_queue_delays_nothing_and_is_told_after_its_cycle(lockstep: bool) -
     node = ToyNode()
     told: list[int] = []
 
-    class Clogged(Observer):
+    class Clogged(Nobody):
         def full(self, reason: QueueFullError) -> None:
             told.append(host.now)
 
@@ -721,7 +733,7 @@ def fail(*_: Frame) -> list[Frame]:
 def test_any_failure_shuts_the_node_down_and_closes_the_bus(
     lockstep: bool, fails: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    node, host, observer = ToyNode(), Host(every(1000, SYNC), until=200_000), Observer()
+    node, host, observer = ToyNode(), Host(every(1000, SYNC), until=200_000), Nobody()
     monkeypatch.setattr(node if fails == "receive" else observer, fails, fail)
     with pytest.raises(ZeroDivisionError):
         run(node, host, lockstep=lockstep, observer=observer)
