@@ -292,11 +292,11 @@ class CanSocket:
             kind = QueueFullError if error.errno in QUEUE_FULL else BusError
             raise kind(f"cannot send frame {frame.can_id:03X}: {error}") from error
 
-    def wait(self, timeout: float) -> None:
+    def wait(self, timeout: float) -> bool:
         """Wait until there is something to read, as `Bus.wait`."""
         try:
             # Not epoll or poll, which round up to milliseconds.
-            select((self._socket,), (), (), timeout)
+            return bool(select((self._socket,), (), (), timeout)[0])
         except (OSError, ValueError) as error:
             raise BusError(f"cannot receive: {error}") from error
 

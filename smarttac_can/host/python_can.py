@@ -161,9 +161,10 @@ class _Driver:
             raise kind(f"cannot send frame {frame.can_id:03X}: {error}") from error
         self._refusing_since = None
 
-    def wait(self, timeout: float) -> None:
+    def wait(self, timeout: float) -> bool:
         if self._first is None:
             self._first = self._receive(timeout)
+        return self._first is not None
 
     def read(self, frames: deque[Frame]) -> bool:
         end = monotonic() + _READING_S

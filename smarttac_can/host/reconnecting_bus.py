@@ -69,7 +69,7 @@ class ReconnectingBus:
         self._on_trial = False
         self._bus: Bus | None = None
         self.send: Callable[[Frame], None]
-        self.wait: Callable[[float], None]
+        self.wait: Callable[[float], bool]
         self.read: Callable[[deque[Frame]], bool]
         self._use(open_bus())
 
@@ -113,8 +113,9 @@ class ReconnectingBus:
     def _drop(self, _frame: Frame) -> None:
         """Send nothing."""
 
-    def _nap(self, timeout: float) -> None:
+    def _nap(self, timeout: float) -> bool:
         self._pause(min(timeout, _NAP_S))
+        return True
 
     def _try_again(self, _frames: deque[Frame]) -> bool:
         if self._clock() < self._next_try:
@@ -147,9 +148,16 @@ class ReconnectingBus:
         self._use(self._bus)
         if self._pending:
             self.send, self.read = self._send_after_pending, self._read_and_send_pending
+            self.wait = self._wait_with_pending
             with suppress(QueueFullError):
                 self._send_pending()
         return more
+
+    def _wait_with_pending(self, timeout: float) -> bool:
+        """Wait, and have the bus read whether a frame came or not: a read sends what is pending."""
+        if self._bus is not None:
+            self._bus.wait(timeout)
+        return True
 
     def _read_and_send_pending(self, frames: deque[Frame]) -> bool:
         with suppress(QueueFullError):

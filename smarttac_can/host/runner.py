@@ -51,6 +51,10 @@ _SEGMENTS: Final = 8
 """Frames of an SDO transfer handed over before the bus is read again."""
 _SEND_RETRY_US: Final = 200
 _STOP_POLL_US: Final = 50_000
+_FOLLOW_US: Final = 10_000
+"""Time in us after which the observer is called when there is time."""
+_PUNCTUAL_US: Final = 200
+"""A wait that ends at most so many us late has seen each frame that came until then."""
 _FOLLOWED_FRAMES: Final = 256
 """Frames in lockstep after which the observer is called, even without SYNC."""
 _SPARE_US: Final = 500
@@ -78,7 +82,7 @@ class Observer(Protocol):
         """Handle that the node has been switched on."""
 
     def follow(self) -> None:
-        """Check the node: when there is time, at least every 50 ms, and at SYNC in lockstep."""
+        """Check the node: every 10 to 50 ms, when there is time, and at SYNC in lockstep."""
 
     def full(self, reason: QueueFullError) -> None:
         """Handle that the bus has begun to refuse urgent frames."""
@@ -209,6 +213,8 @@ class _Run:
         """Longest time in us of a call of `Bus.read`."""
         self._flooded = False
         """Whether frames were left over when a timer was due; reset when the bus is empty."""
+        self._silent = False
+        """Whether the last wait ended punctually and without a frame."""
         self._epoch = clock() // 1000 - node.clock.now
         self._followed = self._busy_since = self._now()
         self._waited = 0
@@ -229,11 +235,16 @@ class _Run:
             if timers.next_due <= now:
                 self._transmit(self._node.overdue())
             waiting = len(self._waiting)
-            if not waiting or (waiting < _MOST_WAITING and not self._flooded):
+            if self._silent:
+                self._silent = False
+            elif not waiting or (waiting < _MOST_WAITING and not self._flooded):
                 now = self._read(now)
             if self._waiting:
                 now = self._drain(now)
-            now = self._act(now) if timers.next_due <= now else self._go_on(now)
+            if timers.next_due <= now:
+                now = self._act(now)
+            if timers.next_due > now:
+                now = self._go_on(now)
             if now - self._followed >= _STOP_POLL_US:
                 now = self._follow()
             if self._resting and now - self._busy_since >= _WORK_US:
@@ -273,7 +284,7 @@ class _Run:
     def forget(self) -> None:
         """Drop the frames read from a lost bus: they are outdated."""
         self._waiting.clear()
-        self._more = self._flooded = False
+        self._more = self._flooded = self._silent = False
         if not self._lockstep:
             self._node.clock.now = self._now()
 
@@ -429,13 +440,14 @@ class _Run:
         elif frames := self._node.segments(_SEGMENTS):
             self._transmit(frames)
             return self._now()
-        elif idle and left > _SPARE_US:
+        elif idle and left > _SPARE_US and now - self._followed >= _FOLLOW_US:
             before, now = now, self._follow()
             left -= now - before
         if not idle or left <= 0:
             return self._now()
-        self._bus.wait(min(left, _STOP_POLL_US) * 1e-6)
+        came = self._bus.wait(min(left, _STOP_POLL_US) * 1e-6)
         before, now = now, self._now()
+        self._silent = not came and now - timers.next_due <= _PUNCTUAL_US
         if self._resting and now - before >= _WAKING_US:
             self._waited += now - before
             if self._waited >= _REST_US:

@@ -53,10 +53,11 @@ class Connection:
         self.interface.room -= 1
         self.interface.sent.append(frame)
 
-    def wait(self, timeout: float) -> None:
+    def wait(self, timeout: float) -> bool:
         self.check()
         if not self.interface.inbox:
             self.interface.sleep(timeout)
+        return bool(self.interface.inbox)
 
     def read(self, frames: deque[Frame]) -> bool:
         self.check()

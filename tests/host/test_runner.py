@@ -60,6 +60,7 @@ class Host:
         self.closed = 0
         self.broken = False
         self.rests = 0
+        self.reads = 0
         self.asleep = 0
         self.blocked: list[frozenset[int]] = []
         self._arrivals = iter(arrivals)
@@ -98,7 +99,7 @@ class Host:
             raise QueueFullError("queue full")
         self.sent.append((self.now, frame))
 
-    def wait(self, timeout: float) -> None:
+    def wait(self, timeout: float) -> bool:
         self._arrive()
         if not self._queue:
             end = self.now + round(timeout * 1e6)
@@ -106,8 +107,11 @@ class Host:
             woken = max(self.now, min(end, next_at))
             self.asleep += woken - self.now
             self.now = woken
+            self._arrive()
+        return bool(self._queue)
 
     def read(self, frames: deque[Frame]) -> bool:
+        self.reads += 1
         self._arrive()
         if not self._queue:
             return False
@@ -402,6 +406,15 @@ def test_queued_frame_is_heard_before_its_deadline_is_judged() -> None:
     assert after[heard - 1] == ("late", after[heard][1]), "also after 30 were read"
 
 
+def test_frame_that_came_in_a_pause_after_a_wait_is_heard_before_its_deadline_is_judged() -> None:
+    requests = [(at, REQUESTED) for at in (0, 40_000, 89_500)]
+    host = Host(requests, until=120_000, pauses=((89_000, 5000),))
+    node = WatchingNode()
+    node.clock.timer(int).start(TICK_US, periodic=True)
+    run(node, host)
+    assert node.lost == [], "the wait until 89 ms was silent, the bus was not"
+
+
 def test_after_a_pause_the_node_knows_which_frames_are_overtaken() -> None:
     host = Host(every(1000, SYNC), until=60_500, frame_cost=20, pauses=((20_500, 14_400),))
     node = ToyNode()
@@ -526,10 +539,28 @@ def test_other_frames_wait_and_are_no_fault() -> None:
     assert node.failures == 0
 
 
-def test_idle_runner_reports_states_at_once() -> None:
-    host = Host(every(400), until=10_000)
+def test_timer_reads_no_bus_that_was_silent() -> None:
+    host = Host(until=100_000)
+    node = PunctualNode(host)
+    run(node, host)
+    assert node.ticks == 99
+    assert host.reads <= 2, "the first, and one after a wait of 50 ms"
+
+
+def test_frame_is_read_once_and_the_bus_found_empty_once() -> None:
+    host = Host(every(1000, start=500), until=100_000)
+    node = PunctualNode(host)
+    run(node, host)
+    assert (node.ticks, len(node.heard)) == (99, 100)
+    assert host.reads <= 202
+
+
+def test_state_is_followed_every_10_ms_when_there_is_time() -> None:
+    host = Host(every(400), until=100_000)
     run(PunctualNode(host), host, observer=(follower := Follower(host)))
-    assert follower.followed
+    gaps = [after - before for before, after in pairwise([0, *follower.followed])]
+    assert max(gaps) <= 12_000
+    assert min(gaps[1:-1]) >= 10_000
     assert max(at % TICK_US for at in follower.followed[:-1]) < 500, "half a tick is left"
 
 

@@ -35,8 +35,14 @@ class Bus(Protocol):
             If the bus accepts no frame at present.
         """
 
-    def wait(self, timeout: float) -> None:
-        """Wait until a frame of another party may be there, for `timeout` s at most."""
+    def wait(self, timeout: float) -> bool:
+        """Wait until a frame of another party may be there, for `timeout` s at most.
+
+        Returns
+        -------
+        bool
+            False if no frame was there until the end of that time.
+        """
 
     def read(self, frames: deque[Frame]) -> bool:
         """Append waiting classical 11-bit frames of other parties, oldest first.

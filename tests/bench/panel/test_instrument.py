@@ -357,8 +357,8 @@ class QuietBus:
     def send(self, frame: Frame) -> None:
         pass
 
-    def wait(self, timeout: float) -> None:
-        pass
+    def wait(self, timeout: float) -> bool:
+        return False
 
     def read(self, frames: deque[Frame]) -> bool:
         return False

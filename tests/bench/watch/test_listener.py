@@ -27,9 +27,9 @@ class SilentBus:
             raise self.refusal
         self.sent.append(frame)
 
-    def wait(self, _timeout: float) -> None:
+    def wait(self, _timeout: float) -> bool:
         self.waits.set()
-        self.over.wait(GUARD_S)
+        return not self.over.wait(GUARD_S)
 
     def read(self, _frames: deque[Frame]) -> bool:
         return False
