@@ -19,8 +19,9 @@ CHANNELS = 15
 """Noisy channels: S1..S6, the two axes of the pick-up, the thermometer, repeatability of S1..S6."""
 REPEAT_BLOCKS = 4
 """Blocks of noise from one independent error of repeatability to the next, about 1 s [A]."""
-_DRAW = 16
-"""Number of ticks drawn at once; drawing a whole block would make its first cycle late."""
+_DRAW = 64
+"""Number of ticks drawn at once. Once a millisecond a draw finds cold caches and takes some 80 us,
+of 16 ticks as well as of 64; a whole block with the start of its generator makes a cycle late."""
 _NOISE_STREAM = 0x4E
 _REPEAT_STREAM = 0x52
 _SERIAL_STREAM = 0x53
