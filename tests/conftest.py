@@ -45,7 +45,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     if build() == "compiled":
         for item in items:
             if item.get_closest_marker("sources"):
-                item.add_marker(pytest.mark.skip(reason="it replaces a part that is compiled"))
+                item.add_marker(
+                    pytest.mark.skip(reason="of an interpreted part, which is compiled")
+                )
 
 
 def pytest_collection_finish() -> None:

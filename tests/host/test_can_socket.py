@@ -500,6 +500,7 @@ def test_a_socket_that_is_closed_is_an_error_of_the_bus(pair: Pair) -> None:
         under_test.send(Frame(1))
 
 
+@pytest.mark.sources
 def test_only_an_interface_whose_bytes_are_known_is_used(
     multicast: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -113,6 +113,7 @@ def test_a_simulated_bench_reaches_no_bus(
     assert (status, complaint) == (0, "")
 
 
+@pytest.mark.sources
 def test_panel_takes_at_most_twice_the_time_of_its_cycles() -> None:
     """The simulated bench with a page that drives, against the same cycles without a page."""
     with Stimulator.simulate("local") as bench:

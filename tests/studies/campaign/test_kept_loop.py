@@ -253,10 +253,10 @@ print(start())
 
 def test_two_processes_compile_at_once(folders):
     command = [sys.executable, "-c", SMALL, str(Path(__file__).parent)]
-    both = [
-        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        for _ in range(2)
-    ]
+    # Elsewhere than in the tree, whose sources `python -c` would take before a compiled build.
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True, "cwd": folders}
+    folders.mkdir(parents=True)
+    both = [subprocess.Popen(command, **pipes) for _ in range(2)]
     for process in both:
         assert process.stdout.readline() == "ready\n"
     for process in both:
