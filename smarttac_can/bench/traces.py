@@ -258,7 +258,7 @@ class Trace:
 
     @property
     def limited(self) -> int:
-        """Number of rows in which a limit of voltage, amplitude or frequency was in the way."""
+        """Number of rows in which a limit of voltage, amplitude or frequency cut the drive."""
         return int(np.count_nonzero(self.status & Status.LIMITED))
 
     @property
@@ -282,9 +282,9 @@ class Trace:
         low, high = np.quantile(self.cof[side], _MIDDLE)
         return (
             f"the COF could not follow in {np.count_nonzero(missed) / np.count_nonzero(asked):.1%} "
-            "of the rows with contact, where a limit was in the way: "
-            f"{' to '.join(f'{value:g}' for value in sorted(wanted))} was asked for, and this "
-            f"finger had {low:.2f} to {high:.2f}: ask for that, or raise the limits"
+            "of the rows with contact, because a limit cut the drive: "
+            f"{' to '.join(f'{value:g}' for value in sorted(wanted))} was commanded, and this "
+            f"finger had {low:.2f} to {high:.2f}: command that, or raise the limits"
         )
 
     @cached_property

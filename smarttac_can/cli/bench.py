@@ -222,7 +222,7 @@ def watch(*, at: StimulatorChoice, drive: bool, no_sdo: bool) -> None:
     if find_spec("textual") is None:
         raise click.ClickException("watch needs Textual: pip install 'smarttac-can[watch]'")
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
-        raise click.ClickException("watch needs a terminal; for a file, take a log of the bus")
+        raise click.ClickException("watch needs a terminal; to get a file, log the bus")
     from smarttac_can.bench.watch.screen import WatchScreen  # noqa: PLC0415 - Textual is an extra
 
     with plain_errors(), _watching(at, drive, reads=not no_sdo) as watched:
@@ -290,14 +290,14 @@ def panel(*, at: StimulatorChoice, drive: bool, host: str, port: int, record: Pa
         stack.enter_context(instrument)
         with suppress(KeyboardInterrupt):
             asyncio.run(serve(Panel(instrument, token, host), host, port, listening))
-            raise click.ClickException("the panel has failed, and leaves the plate at 0 V")
+            raise click.ClickException("the panel has failed; the plate is at 0 V")
 
 
 def _prepare_records(folder: Path | None, *, drives: bool) -> None:
     if folder is None:
         return
     if not drives:
-        raise click.UsageError("--record needs --drive: a page that looks on records nothing")
+        raise click.UsageError("--record needs --drive: without it no page may record")
     from smarttac_can.bench.recording_file import require_h5py  # noqa: PLC0415 - loads numpy
 
     require_h5py()

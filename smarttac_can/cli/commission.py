@@ -120,8 +120,8 @@ def scan(
     doubled = [device.node_id for device in found if device.doubled]
     for node_id in doubled:
         click.echo(
-            f"node {node_id}: more than one device has this node-ID, and the row is of either; "
-            "give one of them another by LSS or --node-id",
+            f"node {node_id}: more than one device has this node-ID, and the row may show any of "
+            "them; give one of them another by LSS or --node-id",
             err=True,
         )
     if doubled:
@@ -261,7 +261,7 @@ def check(
     if device and node_id is None:
         raise click.UsageError("--device needs --node-id")
     if node_id is not None and not device:
-        raise click.UsageError("--node-id is that of a --device: none is to be compared")
+        raise click.UsageError("--node-id needs --device")
     with reporting(json_file) as write_results:
         text = read_eds_file(file)
         findings = check_eds(text, file.name)
@@ -313,7 +313,7 @@ def load(
             od, sections = load_eds(text, own), _written_out(text)
             values = stated_values(od, sections)
             if not values:
-                raise ValueError("it states no value for the device: it is an EDS and no DCF")
+                raise ValueError("it has no values for the device: it is an EDS, not a DCF")
             take_files(values, sections, partial(_file_beside, file))
         with closing_network(bus) as network:
             found = write_dcf(network, od, sections, timeout, any_device=any_device)
@@ -321,7 +321,7 @@ def load(
         wrong = [finding for finding in findings if finding.error]
         rows = [{"section": shown(f.section), "message": f.message} for f in wrong]
         lines = [one_line(f"{file}: {finding}") for finding in findings]
-        done = f"node {od.node_id}: {len(values)} values, {len(wrong)} refused or otherwise"
+        done = f"node {od.node_id}: {len(values)} values, {len(wrong)} refused or different"
         made = {"file": str(file), "node_id": od.node_id, "values": len(values), "findings": rows}
         write_results(made, [*lines, done])
     if wrong:
@@ -685,7 +685,7 @@ def conform(
                 text = f"node {node_id} does not answer on {bus.where}: {failure}"
                 raise click.ClickException(text) from failure
             if others := differences(examiner):
-                text = f"{eds.name} may be of another device than node {node_id}"
+                text = f"{eds.name} may describe another device than node {node_id}"
                 click.echo(f"{text}: {', '.join(others)}", err=True)
             results = run_cases(examiner, cases, lambda result: show(line(result)))
         device = f"node {node_id} by {eds.name}"

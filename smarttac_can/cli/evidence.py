@@ -155,7 +155,7 @@ def faults(
         write_results(rows_as_json(rows), map(_row_line, rows))
     failed = [row for row in rows if not row.passed]
     if failed:
-        raise click.ClickException(f"{len(failed)} of {len(rows)} faults did not end as they must")
+        raise click.ClickException(f"{len(failed)} of {len(rows)} faults did not end as required")
 
 
 @main.command(epilog=f"Example: {_SELF} soak --hours 0.1 --seed 7 --json soak.json")

@@ -260,10 +260,10 @@ def pace_options(command: Command) -> Command:
     ) -> Any:
         if lockstep and realtime is not None:
             raise click.UsageError(
-                "--realtime follows the clock, --lockstep does not: leave out one"
+                "--realtime runs by the clock, --lockstep by SYNC: give only one of them"
             )
         if cpu is not None and realtime is None:
-            raise click.UsageError("--cpu is for --realtime PRIORITY: none is given")
+            raise click.UsageError("--cpu needs --realtime PRIORITY")
         return command(*args, pace=Pace(lockstep, realtime, cpu), **others)
 
     return with_options(
@@ -437,7 +437,7 @@ def node(
 ) -> None:
     """Run the stimulator node until Ctrl-C or SIGTERM; then the plate is at 0 V."""
     if produce_sync and plate_node is None:
-        raise click.UsageError("--produce-sync is the tick of a --plate-node: none is given")
+        raise click.UsageError("--produce-sync needs --plate-node")
     if produce_sync and pace.lockstep:
         raise click.UsageError("in --lockstep the bench produces SYNC: leave out --produce-sync")
     if plate_node is not None:
