@@ -96,8 +96,8 @@ class Events:
         Parameters
         ----------
         seconds
-            Time in s, 0 to 604800. In lockstep and in a simulation it is loop time, and the loop
-            runs meanwhile; otherwise time of the clock. 0 yields only waiting events.
+            Time in s, 0 to 604800. In lockstep and in a simulation it is loop time, and this call
+            runs the loop; otherwise it is time of the clock. 0 yields only waiting events.
 
         Raises
         ------

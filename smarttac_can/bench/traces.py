@@ -263,12 +263,12 @@ class Trace:
 
     @property
     def shortfall(self) -> str:
-        """One line on a COF that was out of reach in most of the rows; empty if it was not.
+        """Text about a COF that was out of reach in most of the rows; empty if it was in reach.
 
         It is shown with the trace. It is no warning: a start or a lift may be most of a short run.
 
-        It says what was asked for and what the finger gave: at the limits friction can be lowered
-        no further, and no drive raises it above that of the bare plate.
+        It has the commanded COF and the COF of the finger. At the limits friction can be lowered no
+        further, and no drive raises it above the friction without vibration.
         """
         asked = ~np.isnan(self.cof_reference) & ~np.isnan(self.cof)
         cut = asked & (self.status & Status.LIMITED != 0)
