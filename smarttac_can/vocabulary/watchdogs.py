@@ -330,7 +330,7 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
     Watchdog.PICKUP: WatchdogRow(
         "the vibration does not follow from the voltage",
         FaultCode.PICKUP_IMPLAUSIBLE, _MANUFACTURER, LACK_CYCLES,
-        "too much vibration: 3 cycles, and 10 while the frequency loop hunts. No vibration: "
+        "too much vibration: 3 cycles, and 10 while the frequency oscillates. No vibration: "
         "10 cycles, which are ten time constants. Less vibration than under any finger: 20 cycles, "
         "until the force of a new finger is measured, too. With a plate node each number is larger "
         "by the part of its deadline above 3 ms",
