@@ -1,11 +1,11 @@
 """The bench for lab scripts: a stimulator, its finger, and recordings.
 
-Threads may share a bench. Each call is whole: one of several steps, such as a pair of COF, a mode
-or a change of the finger, waits for its turn, and no other call comes between its steps. In a
-simulation and in lockstep it comes between two cycles. One thread at a time lets the loop run, by
-`Stimulator.run`, `sample`, `tare` or `identify`, or in lockstep by `Events.within`. A second one
-gets `BusyError`, and has changed nothing. `Stimulator.close` disarms, and ends a run of another
-thread with a `BenchError` that says so. Textures, traces and read recordings do not change.
+Threads may share a bench. A call of several steps, such as a pair of COF, a mode or a change of the
+finger, waits for its turn, and no other call comes between its steps. In a simulation and in
+lockstep a call is executed between two cycles. Only one thread at a time may run the loop, by
+`Stimulator.run`, `sample`, `tare` or `identify`, or in lockstep by `Events.within`. The call of a
+second thread raises `BusyError`, and changes nothing. `Stimulator.close` disarms, and ends a run in
+another thread with a `BenchError`. Textures, traces and read recordings are immutable.
 """
 
 from smarttac_can.bench.calibration import Calibration, mean_gauges, weigh, write_calibration

@@ -43,7 +43,7 @@ BUDGET_TEMPERATURES: Final = (20.0, 35.0)
 
 
 class Calibration(NamedTuple):
-    """Calibration of a tribometer from weighings; None for what they do not determine."""
+    """Calibration of a tribometer from weighings; values that these do not determine are None."""
 
     lateral: tuple[float, ...] | None
     """Matrix in ``(Fx, Fy) = lateral (S1, S2)``, by rows."""

@@ -75,8 +75,8 @@ class Events:
         carriers = [pdo for pdo in source.published if _STATUS in pdo.names]
         if not carriers:
             raise BenchError(
-                f"no TPDO of node {self._node_id} maps the {_STATUS}, by which a bench hears of "
-                "another state: restore the default mapping"
+                f"no TPDO of node {self._node_id} maps the {_STATUS}, so a bench does not receive "
+                "changes of the state: restore the default mapping"
             )
         self._clocked, self._carrier = source.clocked, carriers[0]
         self._state: State | None = state_in(self._link.read(_STATUS))
@@ -96,8 +96,8 @@ class Events:
         Parameters
         ----------
         seconds
-            Time in s, 0 to 604800. In lockstep and in a simulation it is loop time, and the loop
-            runs meanwhile; otherwise time of the clock. 0 yields only waiting events.
+            Time in s, 0 to 604800. In lockstep and in a simulation it is loop time, and this call
+            runs the loop; otherwise it is time of the clock. 0 yields only waiting events.
 
         Raises
         ------
@@ -108,7 +108,7 @@ class Events:
         """
         length = within("seconds", seconds, 0, _MOST_S, "s")
         if self._block is None:
-            raise BenchError("events come in a block only, that of a with statement")
+            raise BenchError("events come only inside a with block")
         return self._wait(length) if self._clocked else self._run(length)
 
     def _wait(self, seconds: float) -> Iterator[Event]:

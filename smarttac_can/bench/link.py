@@ -124,7 +124,7 @@ class OneRun:
         if not self._lock.acquire(blocking=False):
             raise BusyError(
                 "the loop of this stimulator runs already, in another thread that is in run(), "
-                "tare() or identify(): wait for its end, or use record(), which may go beside it"
+                "tare() or identify(): wait for its end, or use record(), which may run beside it"
             )
         self._owner = threading.get_ident()
 

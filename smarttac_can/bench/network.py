@@ -210,7 +210,7 @@ def raw_log(network: TappedNetwork, path: Path) -> Iterator[str]:
         yield note
     if file.failures:
         first = file.failures[0]
-        raise BenchError(f"{path} takes no more: {_why(first)}") from first
+        raise BenchError(f"{path} cannot be written: {_why(first)}") from first
 
 
 class _File:

@@ -138,8 +138,8 @@ class Recording:
     def _require_room(self, log: FrameLog) -> None:
         if log.error is not None:
             raise BenchError(
-                f"{self.log_path} takes no more: {reason(log.error)}; what was recorded is in it: "
-                f"make room, then {self._recover}"
+                f"{self.log_path} cannot be written: {reason(log.error)}; what was recorded is in "
+                f"it: make room, then {self._recover}"
             )
 
     @property

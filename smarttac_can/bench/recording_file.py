@@ -104,7 +104,7 @@ class Summary(NamedTuple):
     damaged: int
     """Number of cut or damaged records of the log."""
     limited: int
-    """Number of rows in which a limit of voltage, amplitude or frequency was in the way."""
+    """Number of rows in which a limit of voltage, amplitude or frequency cut the drive."""
 
 
 def channel_name(name: str) -> str:
@@ -474,7 +474,7 @@ class RecordedData:
 
     @property
     def limited(self) -> int:
-        """Number of rows in which a limit of voltage, amplitude or frequency was in the way."""
+        """Number of rows in which a limit of voltage, amplitude or frequency cut the drive."""
         if "status" not in self.channels:
             return 0
         return int(np.count_nonzero(self.channels["status"] & Status.LIMITED))

@@ -870,7 +870,7 @@ class Stimulator(NamedObjects):
     def events(self) -> Events:
         """Receive state changes, faults and lost heartbeats during a ``with`` block.
 
-        Other calls may be made meanwhile, here or by others. Several blocks may be open at once.
+        During the block any thread may make other calls. Several blocks may be open at once.
 
         Examples
         --------

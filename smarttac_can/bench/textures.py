@@ -81,7 +81,7 @@ class Texture:
     """COF over position or time, to be played by a stimulator: ``bench.texture = texture``.
 
     Created by `grating`, `profile`, `from_picture`, `from_csv`, `over_position` and `over_time`. A
-    table has 4096 values at most: each is the mean of what falls on it. The COF is 0.05..2
+    table has 4096 values at most: each is the mean of the samples near it. The COF is 0.05..2
     everywhere, as bounded by the EDS.
     """
 
@@ -444,9 +444,9 @@ class Texture:
     def frequency(self, speed: float) -> float:
         """Return the frequency in Hz below which half of the power of the COF lies; 0 if constant.
 
-        It is that of the source, of which the table holds less if it is too fine. For a grating it
-        is speed over period. Above `FOLLOWED_HZ`, and over position with a period below
-        `FINEST_MM_N` over the force, a finger feels less than 0.7 of the swing.
+        It is the frequency of the source; if this is too fine, the table has only a part of its
+        swing. For a grating it is speed over period. Above `FOLLOWED_HZ`, and over position with a
+        period below `FINEST_MM_N` over the force, a finger feels less than 0.7 of the swing.
 
         Parameters
         ----------

@@ -258,17 +258,17 @@ class Trace:
 
     @property
     def limited(self) -> int:
-        """Number of rows in which a limit of voltage, amplitude or frequency was in the way."""
+        """Number of rows in which a limit of voltage, amplitude or frequency cut the drive."""
         return int(np.count_nonzero(self.status & Status.LIMITED))
 
     @property
     def shortfall(self) -> str:
-        """One line on a COF that was out of reach in most of the rows; empty if it was not.
+        """Text about a COF that was out of reach in most of the rows; empty if it was in reach.
 
         It is shown with the trace. It is no warning: a start or a lift may be most of a short run.
 
-        It says what was asked for and what the finger gave: at the limits friction can be lowered
-        no further, and no drive raises it above that of the bare plate.
+        It has the commanded COF and the COF of the finger. At the limits friction can be lowered no
+        further, and no drive raises it above the friction without vibration.
         """
         asked = ~np.isnan(self.cof_reference) & ~np.isnan(self.cof)
         cut = asked & (self.status & Status.LIMITED != 0)
@@ -282,9 +282,9 @@ class Trace:
         low, high = np.quantile(self.cof[side], _MIDDLE)
         return (
             f"the COF could not follow in {np.count_nonzero(missed) / np.count_nonzero(asked):.1%} "
-            "of the rows with contact, where a limit was in the way: "
-            f"{' to '.join(f'{value:g}' for value in sorted(wanted))} was asked for, and this "
-            f"finger had {low:.2f} to {high:.2f}: ask for that, or raise the limits"
+            "of the rows with contact, because a limit cut the drive: "
+            f"{' to '.join(f'{value:g}' for value in sorted(wanted))} was commanded, and this "
+            f"finger had {low:.2f} to {high:.2f}: command that, or raise the limits"
         )
 
     @cached_property

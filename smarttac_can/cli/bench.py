@@ -72,8 +72,8 @@ from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 def status(*, at: StimulatorChoice, timeout: float, json_file: Path | None) -> None:
     """Show NMT state, faults, message, commander and levels of a stimulator.
 
-    It only reads: no node is started, and a running drive goes on. The exit code is 0 also for a
-    stimulator in FAULT.
+    This command only reads: it starts no node, and a running drive continues. The exit code is 0,
+    also if the stimulator is in FAULT.
     """
     with reporting(json_file) as write_results:
         with closing_network(at.bus) as network:
@@ -94,8 +94,8 @@ def status(*, at: StimulatorChoice, timeout: float, json_file: Path | None) -> N
 def reset(*, at: StimulatorChoice, timeout: float, lockstep: bool) -> None:
     """Reset the latched fault of a stimulator.
 
-    It starts the nodes, and is refused while another bench drives. Without a fault nothing is done.
-    The exit code is 1 if the cause is still there.
+    This command starts the nodes. It is refused while another bench drives. Without a latched
+    fault it does nothing. The exit code is 1 if the cause of the fault is still there.
     """
     with (
         plain_errors(),
@@ -208,20 +208,21 @@ def _watching(
 @click.option(
     "--no-sdo",
     is_flag=True,
-    help="Send nothing at all: set-points, counts and latched faults are not shown.",
+    help="Send no frame; then set-points, counts and latched faults are not shown.",
 )
 def watch(*, at: StimulatorChoice, drive: bool, no_sdo: bool) -> None:
     """Show a stimulator live in the terminal: friction, drive, state, faults, counts and bus.
 
-    It listens to what the nodes publish, and reads by SDO, seldom and one object at a time, what
-    they do not. With --drive it is a bench of its own, supervised by its heartbeat: Esc disarms.
+    The values come from the TPDOs of the nodes. Objects that are in no TPDO are read by SDO, one
+    at a time. With --drive the command also drives: the stimulator supervises its heartbeat, and
+    Esc disarms.
     """
     if drive and no_sdo:
         raise click.UsageError("--drive writes by SDO: leave out --no-sdo")
     if find_spec("textual") is None:
         raise click.ClickException("watch needs Textual: pip install 'smarttac-can[watch]'")
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
-        raise click.ClickException("watch needs a terminal; for a file, take a log of the bus")
+        raise click.ClickException("watch needs a terminal; to get a file, log the bus")
     from smarttac_can.bench.watch.screen import WatchScreen  # noqa: PLC0415 - Textual is an extra
 
     with plain_errors(), _watching(at, drive, reads=not no_sdo) as watched:
@@ -239,14 +240,14 @@ def watch(*, at: StimulatorChoice, drive: bool, no_sdo: bool) -> None:
     "--host",
     default="127.0.0.1",
     show_default=True,
-    help="Address of this computer at which pages reach it.",
+    help="Address of this computer on which the panel accepts connections.",
 )
 @click.option(
     "--port",
     type=click.IntRange(0, 65535),
     default=8033,
     show_default=True,
-    help="TCP port; 0 is any that is free.",
+    help="TCP port; 0 takes any free port.",
 )
 @click.option(
     "--record",
@@ -257,9 +258,9 @@ def watch(*, at: StimulatorChoice, drive: bool, no_sdo: bool) -> None:
 def panel(*, at: StimulatorChoice, drive: bool, host: str, port: int, record: Path | None) -> None:
     """Show a stimulator live in a browser: plate, charts, state and faults.
 
-    Without --interface it is a simulated bench in this process, and the mouse is the finger. The
-    address that is printed has a token: a page with it may drive. One page drives at a time, and
-    0.8 s after it falls silent the plate is at 0 V.
+    Without --interface the command simulates a bench in this process, and the mouse is the finger.
+    The printed address contains a token: a page with this token may drive. One page drives at a
+    time. If this page sends nothing for 0.8 s, the plate goes to 0 V.
     """
     bus = at.bus
     if bus.interface is None and (drive or bus.options or at.plate_node is not None):
@@ -289,14 +290,14 @@ def panel(*, at: StimulatorChoice, drive: bool, host: str, port: int, record: Pa
         stack.enter_context(instrument)
         with suppress(KeyboardInterrupt):
             asyncio.run(serve(Panel(instrument, token, host), host, port, listening))
-            raise click.ClickException("the panel has failed, and leaves the plate at 0 V")
+            raise click.ClickException("the panel has failed; the plate is at 0 V")
 
 
 def _prepare_records(folder: Path | None, *, drives: bool) -> None:
     if folder is None:
         return
     if not drives:
-        raise click.UsageError("--record needs --drive: a page that looks on records nothing")
+        raise click.UsageError("--record needs --drive: without it no page may record")
     from smarttac_can.bench.recording_file import require_h5py  # noqa: PLC0415 - loads numpy
 
     require_h5py()
@@ -326,9 +327,9 @@ def _require_one_address(host: str) -> None:
 def selftest(*, at: StimulatorChoice, lockstep: bool, json_file: Path | None) -> None:
     """Check timing, gauges, pick-up, resonance and delay of a stimulator.
 
-    Nothing may rest on the plate: it vibrates with 0.5 um at most. It is at 0 V afterwards, also
-    after an error or Ctrl-C. Each check is printed on stderr as it is made. The exit code is 1 if
-    a check fails.
+    Nothing may rest on the plate, which vibrates with 0.5 um at most. At the end the plate is at
+    0 V, also after an error or Ctrl-C. Each check is printed on stderr as soon as it is done. The
+    exit code is 1 if a check fails.
     """
     with reporting(json_file) as write_results, ExitStack() as stack:
         stimulator = stack.enter_context(at.connect(lockstep=lockstep))

@@ -96,7 +96,7 @@ _HEAD = ("node", "state", "name", "vendor", "product", "revision", "serial", "ED
     "eds_files",
     multiple=True,
     type=OLD_FILE,
-    help="Compare with this EDS, too.",
+    help="EDS of a device, in addition to the packaged ones.",
 )
 @json_options(bare=True)
 def scan(
@@ -104,8 +104,8 @@ def scan(
 ) -> None:
     """List the devices on a bus with state, identity and the EDS that describes them.
 
-    Devices with a node-ID are found by SDO and heartbeat, those without one by LSS fastscan. A
-    node-ID of two devices is an error, exit code 1, and named on stderr.
+    Devices with a node-ID are found by SDO and heartbeat, devices without one by LSS fastscan. If
+    two devices have the same node-ID, it is printed on stderr, and the exit code is 1.
     """
     with reporting(json_file) as write_results:
         texts = {name: read_eds(name) for name in PACKAGED}
@@ -120,8 +120,8 @@ def scan(
     doubled = [device.node_id for device in found if device.doubled]
     for node_id in doubled:
         click.echo(
-            f"node {node_id}: more than one device has this node-ID, and the row is of either; "
-            "give one of them another by LSS or --node-id",
+            f"node {node_id}: more than one device has this node-ID, and the row may show any of "
+            "them; give one of them another by LSS or --node-id",
             err=True,
         )
     if doubled:
@@ -241,7 +241,7 @@ def eds() -> None:
     "  smarttac eds check plate --device --node-id 33 --interface socketcan --channel can0"
 )
 @eds_file
-@click.option("--device", is_flag=True, help="Compare what a device on the bus reads, too.")
+@click.option("--device", is_flag=True, help="Compare the EDS with a device on the bus, too.")
 @click.option("--node-id", type=NODE_ID, help="Node-ID of that device.")
 @timeout_option
 @bus_options
@@ -254,14 +254,14 @@ def check(
     bus: BusChoice,
     json_file: Path | None,
 ) -> None:
-    """Check an EDS by the rules of CiA 306 and CiA 301; errors end with exit code 1.
+    """Check an EDS by the rules of CiA 306 and CiA 301; after an error the exit code is 1.
 
     With --device every object of a device is read, and compared with the default of the EDS.
     """
     if device and node_id is None:
         raise click.UsageError("--device needs --node-id")
     if node_id is not None and not device:
-        raise click.UsageError("--node-id is that of a --device: none is to be compared")
+        raise click.UsageError("--node-id needs --device")
     with reporting(json_file) as write_results:
         text = read_eds_file(file)
         findings = check_eds(text, file.name)
@@ -282,9 +282,9 @@ def check(
     epilog="Example: smarttac eds load stimulator-32.dcf --interface socketcan --channel can0"
 )
 @click.argument("file", type=OLD_FILE, metavar="DCF")
-@click.option("--node-id", type=NODE_ID, help="Node-ID, for a DCF that states none.")
+@click.option("--node-id", type=NODE_ID, help="Node-ID, for a DCF without one.")
 @click.option(
-    "--any-device", is_flag=True, help="Also to a device of another vendor or product than the DCF."
+    "--any-device", is_flag=True, help="Write also if vendor or product differ from the DCF."
 )
 @timeout_option
 @bus_options
@@ -298,11 +298,11 @@ def load(
     bus: BusChoice,
     json_file: Path | None,
 ) -> None:
-    """Write the values of a DCF to a device, and read them back; a refusal ends with exit code 1.
+    """Write the values of a DCF to a device, and read them back.
 
     The identity of the device is compared first. Communication parameters are written by the
-    procedures of CiA 301. A DownloadFile is written, too. Nothing is stored permanently: write
-    1010h for that.
+    procedures of CiA 301. A DownloadFile is written, too. The device stores nothing permanently:
+    write 1010h for that. If the device refuses a value, the exit code is 1.
     """
     with reporting(json_file) as write_results:
         with naming(file, ValueError):
@@ -313,7 +313,7 @@ def load(
             od, sections = load_eds(text, own), _written_out(text)
             values = stated_values(od, sections)
             if not values:
-                raise ValueError("it states no value for the device: it is an EDS and no DCF")
+                raise ValueError("it has no values for the device: it is an EDS, not a DCF")
             take_files(values, sections, partial(_file_beside, file))
         with closing_network(bus) as network:
             found = write_dcf(network, od, sections, timeout, any_device=any_device)
@@ -321,7 +321,7 @@ def load(
         wrong = [finding for finding in findings if finding.error]
         rows = [{"section": shown(f.section), "message": f.message} for f in wrong]
         lines = [one_line(f"{file}: {finding}") for finding in findings]
-        done = f"node {od.node_id}: {len(values)} values, {len(wrong)} refused or otherwise"
+        done = f"node {od.node_id}: {len(values)} values, {len(wrong)} refused or different"
         made = {"file": str(file), "node_id": od.node_id, "values": len(values), "findings": rows}
         write_results(made, [*lines, done])
     if wrong:
@@ -345,9 +345,9 @@ def _file_beside(dcf: Path, name: str) -> bytes:
 @click.argument("file", type=result_path, metavar="DCF")
 @click.option("--node-id", "--node", type=NODE_ID, required=True, help="Node-ID of the device.")
 @click.option(
-    "--eds", type=EDS_FILE, help="EDS of the device; without, the device has it in 1021h."
+    "--eds", type=EDS_FILE, help="EDS of the device.  [default: read it from 1021h of the device]"
 )
-@click.option("--any-device", is_flag=True, help="Also of another vendor or product than the EDS.")
+@click.option("--any-device", is_flag=True, help="Save also if vendor or product differ.")
 @timeout_option
 @bus_options
 @json_options(bare=True)
@@ -363,8 +363,8 @@ def save(
 ) -> None:
     """Save the values of a device as a DCF, which 'smarttac eds load' writes back.
 
-    It has every value that can be read and written. What cannot be read is named, and stands in
-    the DCF as a comment; the exit code is then 1.
+    The DCF has every value that can be read and written. A value that cannot be read is printed,
+    and is a comment in the DCF; the exit code is then 1.
     """
     with reporting(json_file) as write_results, ExitStack() as stack:
         name = f"{cia.STORE_EDS:X}h" if eds is None else eds.name
@@ -405,7 +405,7 @@ def save(
 )
 @click.argument("file", type=EDS_FILE, metavar="DCF")
 @click.argument("other", type=EDS_FILE, required=False, metavar="[OTHER]")
-@click.option("--node-id", "--node", type=NODE_ID, help="Node-ID, for a file that states none.")
+@click.option("--node-id", "--node", type=NODE_ID, help="Node-ID, for a file without one.")
 @timeout_option
 @bus_options
 @json_options(bare=True)
@@ -418,9 +418,9 @@ def diff(
     bus: BusChoice,
     json_file: Path | None,
 ) -> None:
-    """Compare two DCFs, or a DCF and its device; differences end with exit code 1.
+    """Compare two DCFs, or a DCF and its device; if they differ, the exit code is 1.
 
-    Each line has an object, its value in the first DCF, and that in OTHER or in the device.
+    Each line has an object, its value in the first DCF, and its value in OTHER or in the device.
     """
     with reporting(json_file) as write_results:
         od = load_file(file, node_id)
@@ -470,7 +470,7 @@ def _plain(value: object) -> object:
 @_output_option
 @force_option()
 def show(file: Path, output: Path | None) -> None:
-    """Write the EDS itself, byte for byte, for a master that wants the file."""
+    """Write the EDS itself, byte for byte, for a master that needs the file."""
     with plain_errors():
         data = read_bounded(file, MAX_EDS_BYTES)
         if output is None:
@@ -501,7 +501,7 @@ def doc(file: Path, output: Path | None) -> None:
 def dbc(file: Path, node_id: int | None, output: Path | None) -> None:
     """Write a DBC of the default PDOs, EMCY and heartbeat, with scales and units, for analysers.
 
-    Of stimulator and plate it has names for modes, states, bits of the words, and emergencies.
+    For stimulator and plate the DBC also names modes, states, status bits and emergency codes.
     """
     if find_spec("cantools") is None:
         raise click.ClickException("a DBC needs cantools: pip install 'smarttac-can[dbc]'")
@@ -628,8 +628,8 @@ def _chosen(
     type=SECONDS,
     default=TIMEOUT_S,
     show_default=True,
-    help="Longest time for an answer in s, where CiA 301 has none. A start may take 2.5 times as "
-    "long.",
+    help="Longest time for an answer in s, where CiA 301 gives no time. A start may take 2.5 times "
+    "as long.",
 )
 @click.option(
     "--case",
@@ -637,7 +637,7 @@ def _chosen(
     multiple=True,
     callback=_chosen,
     metavar="ID",
-    help="Case such as SDO-07, or group such as SDO; may come several times.",
+    help="Case such as SDO-07, or group such as SDO; may be given again.",
 )
 @click.option("--report", type=result_path, help="Markdown file for the report.")
 @click.option("--junit", "junit_file", type=result_path, help="JUnit XML file, for a CI service.")
@@ -659,11 +659,12 @@ def conform(
     known: Path | None,
     json_file: Path | None,
 ) -> None:
-    """Test a CANopen device by its EDS; the exit code is 1 if a case fails that may not.
+    """Test a CANopen device by its EDS; if a case fails, the exit code is 1.
 
-    The device should be alone on the bus. It is reset before each case and at the end, and what is
-    writable is written: disconnect what must not move. A case that a device refuses by an unusual
-    abort code passes, with a remark. A known deviation that passes ends with exit code 1, too.
+    The device should be alone on the bus. It is reset before each case and at the end, and all
+    writable objects are written: disconnect everything that must not move. If a device refuses a
+    request with an unusual abort code, the case passes with a remark. Known deviations may fail;
+    if one of them passes, the exit code is 1.
     """
     with reporting(json_file) as write_results, ExitStack() as stack:
         page = None if report is None else stack.enter_context(result_file(report))
@@ -684,7 +685,7 @@ def conform(
                 text = f"node {node_id} does not answer on {bus.where}: {failure}"
                 raise click.ClickException(text) from failure
             if others := differences(examiner):
-                text = f"{eds.name} may be of another device than node {node_id}"
+                text = f"{eds.name} may describe another device than node {node_id}"
                 click.echo(f"{text}: {', '.join(others)}", err=True)
             results = run_cases(examiner, cases, lambda result: show(line(result)))
         device = f"node {node_id} by {eds.name}"

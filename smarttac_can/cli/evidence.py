@@ -130,10 +130,11 @@ def faults(
 ) -> None:
     """Inject every fault in every mode that drives, and show how soon the plate is at 0 V.
 
-    What acts through the loop comes under the predictive laws as well, as friction_predictive.
+    Faults that act through the loop are also injected under the predictive laws, as mode
+    friction_predictive.
 
-    Everything is simulated: stimulator, plate and master, on a bus inside the process unless there
-    is a --channel. Nothing else may send there. The rows are the same either way.
+    Stimulator, plate and master are simulated, on a bus inside the process or on --channel. No
+    other node may send on this channel. The rows are the same in both cases.
     """
     try:
         chosen = cases(faults_, modes)
@@ -154,7 +155,7 @@ def faults(
         write_results(rows_as_json(rows), map(_row_line, rows))
     failed = [row for row in rows if not row.passed]
     if failed:
-        raise click.ClickException(f"{len(failed)} of {len(rows)} faults did not end as they must")
+        raise click.ClickException(f"{len(failed)} of {len(rows)} faults did not end as required")
 
 
 @main.command(epilog=f"Example: {_SELF} soak --hours 0.1 --seed 7 --json soak.json")
@@ -162,7 +163,7 @@ def faults(
     "--hours",
     type=FiniteRange(min=0.0, max=10_000.0, min_open=True),
     required=True,
-    help="Simulated time.",
+    help="Simulated time in hours.",
 )
 @seed_option("Seed of all that happens.")
 @_jobs_option
@@ -233,14 +234,14 @@ def _margins(margins: Table) -> Iterator[str]:
 
 
 @main.command(epilog=f"Example: {_SELF} attack --actions 100000 --seed 7 --json attack.json")
-@click.option("--actions", type=click.IntRange(min=1), required=True, help="Frames that are sent.")
+@click.option("--actions", type=click.IntRange(min=1), required=True, help="Frames to send.")
 @seed_option("Seed of all that happens.")
 @json_options()
 def attack(actions: int, seed: int, json_file: Path | None) -> None:
     """Attack a driven stimulator and plate from a third node, and check every cycle.
 
-    SDO requests, PDOs, SYNC, EMCY, heartbeats, NMT and garbage come at random, while a master arms
-    again and resets faults. The same seed and number give the same run.
+    The third node sends random SDO requests, PDOs, SYNC, EMCY, heartbeats, NMT commands and invalid
+    frames. A master arms again and resets faults. The same seed and number give the same run.
     """
     with reporting(json_file) as write_results:
         with progress_bar("attacking") as progress:
@@ -290,18 +291,18 @@ def _cell(_ctx: click.Context, _param: click.Parameter, texts: tuple[str, ...]) 
     "coarse",
     default=True,
     show_default=True,
-    help="The sweep of a minute, or that of 20 minutes on two processors.",
+    help="Short sweep of about a minute, or long one of 20 minutes on two processors.",
 )
 @click.option(
     "--random",
     "random_",
     type=click.IntRange(min=1),
-    help="Instead, so many cells that --seed draws from the continuous ranges.",
+    help="Run this number of random cells instead, drawn with --seed.",
 )
 @click.option(
     "--healthy",
     type=click.IntRange(min=1),
-    help="Instead, so many runs without a failure: none may end in a fault that has no cause.",
+    help="Run this number of runs without a failure instead; none may end in a false alarm.",
 )
 @click.option(
     "--cell",
@@ -309,7 +310,7 @@ def _cell(_ctx: click.Context, _param: click.Parameter, texts: tuple[str, ...]) 
     multiple=True,
     callback=_cell,
     metavar="NAME=VALUE,...",
-    help="Instead, this cell alone, as a line of the results names it; may be given again.",
+    help="Run only this cell, written as in the results; may be given again.",
 )
 @seed_option("Seed of the cells, or of the first healthy run.")
 @_jobs_option
@@ -326,8 +327,8 @@ def sensors(
 ) -> None:
     """Inject failures of a sensor in many modes and set-points, and check the bounds of the plate.
 
-    Shown are what ended the runs of each failure mode, and the worst true vibration of the plate
-    meanwhile. A cell beyond what is promised is a violation.
+    The results show what ended the runs of each failure mode, and the largest true vibration of
+    the plate until then. A cell that exceeds the promised bounds is a violation.
     """
     if sum((random_ is not None, healthy is not None, bool(cells))) > 1:
         raise click.UsageError("--random, --healthy and --cell exclude each other")

@@ -117,8 +117,8 @@ output_option = click.option(
 def demo(seed: int, output: Path | None) -> None:
     """Run all experiments over a virtual CAN bus and show them beside the paper.
 
-    Bench, stimulator node and plate node talk CANopen; no bus, no hardware and no privileges are
-    needed. The pictures land in a new folder, with an index.html that shows them.
+    Bench, stimulator node and plate node communicate by CANopen. You need no CAN bus, no hardware
+    and no privileges. The figures are written to a new folder, with an index.html.
     """
     with plain_errors():
         need_matplotlib()
@@ -150,7 +150,7 @@ def demo(seed: int, output: Path | None) -> None:
     type=click.Choice(get_args(LinkName)),
     default="local",
     show_default=True,
-    help="With CANopen nodes on a virtual bus, or by function calls: the same numbers.",
+    help="Use CANopen nodes on a virtual bus, or function calls; the numbers are the same.",
 )
 @law_option("--law", Law, "How the amplitude follows the COF; predictive is not the paper's.")
 @law_option(
@@ -165,7 +165,8 @@ def demo(seed: int, output: Path | None) -> None:
     metavar="N",
     default=0.0,
     show_default=True,
-    help=f"Finger on the plate in fig5 and fig6, {LOAD_MIN:g}..{LOAD_MAX:g} N; adds a 50 % step.",
+    help=f"Force of a finger on the plate in fig5 and fig6, {LOAD_MIN:g}..{LOAD_MAX:g} N; adds a"
+    " step of 50 %.",
 )
 @dead_time_option
 @click.option(
@@ -173,7 +174,7 @@ def demo(seed: int, output: Path | None) -> None:
     type=click.Choice(get_args(SubjectSet)),
     default="presets",
     show_default=True,
-    help="Fingers of Fig. 7 and Table I: of one force and speed, or of their own.",
+    help="Fingers of Fig. 7 and Table I: all with the same force and speed, or each with its own.",
 )
 @_noise_seed_option
 @json_options()

@@ -79,7 +79,7 @@ _columns = with_options(
         "--lateral",
         default="tangential_force_n",
         show_default=True,
-        help="Column of the lateral force, in N; its sign is turned to that of the motion.",
+        help="Column of the lateral force, in N; its sign is adapted to the motion.",
     ),
     click.option(
         "--normal",
@@ -91,8 +91,8 @@ _columns = with_options(
         "--position",
         default=_BY_GAUGES,
         show_default=True,
-        help="Column of the position, in mm. That of a trace has the lag of the gauges; another"
-        " has none.",
+        help="Column of the position, in mm. Only the position of a trace has the lag of the"
+        " gauges.",
     ),
     click.option("--speed", help="Column of the speed, in mm/s, instead of --position."),
     click.option(
@@ -101,7 +101,7 @@ _columns = with_options(
         show_default=True,
         help="Column of the vibration, in um peak-to-peak.",
     ),
-    click.option("--bare", is_flag=True, help="The plate did not vibrate: no --amplitude."),
+    click.option("--bare", is_flag=True, help="The plate did not vibrate; leave out --amplitude."),
     click.option("--acceleration", help="Column of the acceleration of the skin, in m/s^2."),
 )
 
@@ -144,11 +144,11 @@ def fit_finger(
     json_file: Path | None,
     **columns: str | None,
 ) -> None:
-    """Fit a fingertip to the recording FILE, with 95 % limits, and say what it does not tell.
+    """Fit a fingertip to the recording FILE, and show its parameters with 95 % limits.
 
-    FILE is a CSV of a trace or of a lab, with a unit behind the name of a column or not. Rows in
-    which a column is empty are left out, and the finger is lifted there. The subject of --json is
-    taken by Subject of smarttac_can.science.plant.
+    Parameters that the recording does not determine are named. FILE is the CSV file of a trace or
+    of a lab; the name of a column may end in a unit. Rows with an empty cell are left out, and the
+    finger is lifted there. Subject of smarttac_can.science.plant takes the subject in --json.
     """
     wanted = {what: column for what, column in columns.items() if column is not None}
     wanted["position" if speed is None else "speed"] = speed or position

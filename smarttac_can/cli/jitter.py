@@ -37,17 +37,17 @@ _PROGRESS_S = 3.0
     "  smarttac jitter --interface socketcan --channel can0 --plate-node 33 --realtime 50",
     help=f"""Measure how punctual the 1 kHz loop is on this machine and bus.
 
-    A stimulator and a simulated plate run as processes of their own and regulate the friction of a
-    finger; or, with --plate-node, a plate that is on the bus already, which stays at 0 V. The times
-    are those at which the kernel saw the frames.
+    The command starts a stimulator and a simulated plate, each in its own process, which regulate
+    the friction of a finger. With --plate-node it uses a plate that is already on the bus, and
+    keeps it at 0 V. The times of the frames are those of the kernel.
 
-    The deadline that the machine can promise is {DEADLINE_RULE}. Ctrl-C ends it early, with what
-    there is.
+    The deadline that the machine can keep is {DEADLINE_RULE}. Ctrl-C ends the measurement early,
+    and prints the result so far.
     """,
 )
 @bus_options
 @click.option(
-    "--plate-node", type=NODE_ID, help="Node-ID of a plate on the bus; without, one is simulated."
+    "--plate-node", type=NODE_ID, help="Node-ID of a plate on the bus.  [default: simulate one]"
 )
 @click.option(
     "--realtime",
@@ -60,7 +60,7 @@ _PROGRESS_S = 3.0
     type=click.IntRange(1, _SECONDS_MAX),
     default=10,
     show_default=True,
-    help="How long to measure.",
+    help="Length of the measurement in s.",
 )
 @json_options()
 @click.option(

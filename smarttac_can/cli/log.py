@@ -253,15 +253,15 @@ def _node_eds(
     multiple=True,
     metavar="NODE=EDS",
     callback=_node_eds,
-    help="EDS of a node; 32 is the stimulator and 33 the plate unless given otherwise.",
+    help="EDS of a node.  [default: the stimulator for 32, the plate for 33]",
 )
 @bus_options
 def log(file: Path | None, eds_files: dict[int, Path], bus: BusChoice) -> None:
-    """Show the frames of a log FILE in plain text, or those of a bus until Ctrl-C.
+    """Show the frames of a log FILE in plain text, or the frames on a bus until Ctrl-C.
 
-    FILE is what candump writes or shows, ASC, BLF, CSV or TRC. Identifiers and mappings are those
-    of the EDS files: what a master changes is not followed. Times are in s, from the first frame
-    on. Of a file, frames that are no CANopen are shown, too.
+    FILE is the output of candump, or an ASC, BLF, CSV or TRC file. Identifiers and mappings are
+    those of the EDS files; changes by a master are not taken into account. Times are in s, from
+    the first frame on. From a file, frames that are not CANopen are shown, too.
     """
     with plain_errors(ValueError):
         text = FrameText(_nodes(eds_files))

@@ -247,7 +247,7 @@ class Pace(NamedTuple):
 lockstep_option = click.option(
     "--lockstep",
     is_flag=True,
-    help="Use SYNC as the only clock: each SYNC is 1 ms, at any pace.",
+    help="Use SYNC as the only clock: each SYNC advances the time by 1 ms.",
 )
 
 
@@ -260,10 +260,10 @@ def pace_options(command: Command) -> Command:
     ) -> Any:
         if lockstep and realtime is not None:
             raise click.UsageError(
-                "--realtime follows the clock, --lockstep does not: leave out one"
+                "--realtime runs by the clock, --lockstep by SYNC: give only one of them"
             )
         if cpu is not None and realtime is None:
-            raise click.UsageError("--cpu is for --realtime PRIORITY: none is given")
+            raise click.UsageError("--cpu needs --realtime PRIORITY")
         return command(*args, pace=Pace(lockstep, realtime, cpu), **others)
 
     return with_options(
@@ -378,7 +378,7 @@ def node_options(node_id: int) -> Callable[[Command], Command]:
         click.option(
             "--node-id",
             type=NODE_ID,
-            help=f"Overrides a stored one. Without it, the stored one, else {node_id}.",
+            help=f"Node-ID.  [default: the stored node-ID, or {node_id}]",
         ),
         unconfigured_option,
         pace_options,
@@ -395,19 +395,19 @@ def node_options(node_id: int) -> Callable[[Command], Command]:
             type=click.IntRange(1, 9),
             default=1,
             show_default=True,
-            help="Whose finger it is: 1..5 the presets, 6..9 those fitted to Table I.",
+            help="Number of the simulated finger: 1..5 presets, 6..9 fitted to Table I.",
         ),
         seed_option("Seed of sensor noise and finger."),
         click.option(
             "--eds",
             type=click.Path(exists=True, path_type=Path),
             metavar="FILE",
-            help="EDS with other default values than the packaged one.",
+            help="EDS that replaces the packaged one, with other default values.",
         ),
         storage_option(
-            "File for what is stored by 1010h and LSS; without, it is forgotten at the end."
-            " The stimulator keeps its newest faults beside it, in FILE.faults."
-            " What is stored wins over defaults of options, not over options given."
+            "File for the values that 1010h and LSS store; without it they are lost at the end."
+            " The stimulator also keeps its newest faults, in FILE.faults."
+            " A stored value replaces the default of an option, but not an option that you give."
         ),
     )
 
@@ -418,7 +418,7 @@ def node_options(node_id: int) -> Callable[[Command], Command]:
 )
 @node_options(STIMULATOR_ID)
 @click.option(
-    "--plate-node", type=NODE_ID, help="Node-ID of the plate; without, it is simulated inside."
+    "--plate-node", type=NODE_ID, help="Node-ID of the plate.  [default: simulate it inside]"
 )
 @click.option("--produce-sync", is_flag=True, help="Produce the SYNC that is the plate's tick.")
 def node(
@@ -435,9 +435,9 @@ def node(
     bus: BusChoice,
     pace: Pace,
 ) -> None:
-    """Run the stimulator node until Ctrl-C or SIGTERM, which leave the plate at 0 V."""
+    """Run the stimulator node until Ctrl-C or SIGTERM; then the plate is at 0 V."""
     if produce_sync and plate_node is None:
-        raise click.UsageError("--produce-sync is the tick of a --plate-node: none is given")
+        raise click.UsageError("--produce-sync needs --plate-node")
     if produce_sync and pace.lockstep:
         raise click.UsageError("in --lockstep the bench produces SYNC: leave out --produce-sync")
     if plate_node is not None:
@@ -474,8 +474,8 @@ def node(
 @click.option(
     "--front-end",
     metavar="NAME",
-    help="Hardware instead of the simulated plate: a front end by the name that its package"
-    " gives it, or as module:Class.",
+    help="Front end that connects hardware instead of the simulated plate: a name that its package"
+    " registers, or module:Class.",
 )
 def plate(
     *,
@@ -490,7 +490,7 @@ def plate(
     bus: BusChoice,
     pace: Pace,
 ) -> None:
-    """Run the plate as a node of its own, simulated or a front end, until Ctrl-C or SIGTERM."""
+    """Run the plate as a node of its own, simulated or real, until Ctrl-C or SIGTERM."""
     with plain_errors(), blaming(eds), ExitStack() as stack:
         od, fixed = load_node("plate.eds", eds, node_id, unconfigured, PLATE_ID)
         motion, recording = finger
@@ -618,18 +618,18 @@ def blaming(eds: Path | None) -> Iterator[None]:
 @click.option(
     "--node-id",
     type=NODE_ID,
-    help="Overrides a stored one. Without it, that of a DCF, else the stored one, else 1.",
+    help="Node-ID.  [default: that of a DCF, the stored node-ID, or 1]",
 )
 @unconfigured_option
 @bus_options
-@click.option("--autostart", is_flag=True, help="OPERATIONAL without waiting for a master.")
+@click.option("--autostart", is_flag=True, help="Go to OPERATIONAL without a master.")
 @lockstep_option
-@storage_option("File for stored parameters; without it they end with the command.")
+@storage_option("File for stored parameters; without it they are lost at the end.")
 @click.option(
     "--answers",
     type=OLD_FILE,
     metavar="FILE",
-    help="Python file with ANSWERS, a function of the objects for each object that it answers.",
+    help="Python file whose ANSWERS maps objects to functions that compute their values.",
 )
 def device(
     *,
@@ -644,9 +644,9 @@ def device(
 ) -> None:
     """Run a device of any EDS, with its values in memory, until Ctrl-C or SIGTERM.
 
-    It has every service whose objects the EDS has. Its other objects only store values: what is
-    written is read back, and TPDOs carry it. A PDO whose mapping or CAN-ID is not valid is off.
-    A DCF is run as the node that it is for.
+    The device has every service whose objects are in the EDS. All other objects only store values:
+    a written value is read back, and sent in TPDOs. A PDO is off if its mapping or its CAN-ID is
+    not valid. From a DCF the device takes the node-ID, too.
     """
     with plain_errors():
         od, fixed = load_own(eds, node_id, unconfigured)

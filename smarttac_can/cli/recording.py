@@ -55,22 +55,22 @@ _SILENT_S = 1.0
 @click.option(
     "--seconds",
     type=FiniteRange(min=0.1, max=_LONGEST_S),
-    help="How long; without, until Ctrl-C or SIGTERM.",
+    help="Length of the recording in s.  [default: until Ctrl-C or SIGTERM]",
 )
 @click.option(
     "--raw",
     type=NEW_FILE,
-    help="File for all frames on the bus besides: .asc, .blf, .csv, .log, .trc and so on.",
+    help="Additional file for all frames on the bus: .asc, .blf, .csv, .log, .trc and so on.",
 )
-@click.option("--subject", metavar="TEXT", help="Who is recorded, for the file.")
-@click.option("--operator", metavar="TEXT", help="Who records, for the file.")
-@click.option("--notes", metavar="TEXT", help="What else is to be known, for the file.")
+@click.option("--subject", metavar="TEXT", help="Person who is recorded, stored in the file.")
+@click.option("--operator", metavar="TEXT", help="Person who records, stored in the file.")
+@click.option("--notes", metavar="TEXT", help="Notes, stored in the file.")
 @click.option(
     "--recover",
     "log",
     type=OLD_FILE,
     metavar="LOG",
-    help="Make FILE of the log that a killed recording has left, FILE.log; no bus is needed.",
+    help="Make FILE from the log of a killed recording, FILE.log; no bus is needed.",
 )
 @timeout_option
 @json_options(force="Replace an older --json file; FILE and --raw are never replaced.")
@@ -87,9 +87,9 @@ def record(
     timeout: float,
     json_file: Path | None,
 ) -> None:
-    """Record every cycle of a stimulator into the HDF5 file FILE, whoever drives it.
+    """Record every cycle of a stimulator into the HDF5 file FILE, while another program drives it.
 
-    It starts the nodes and only reads: it changes no set-point, mode or voltage, and
+    This command starts the nodes. Then it only reads: it changes no set-point, mode or voltage.
     Ctrl-C ends the recording, not the drive. If no cycle came, the exit code is 1.
     """
     own = [file.with_name(file.name + suffix) for suffix in ("", ".log")]
@@ -207,15 +207,15 @@ _START_OPTIONS: Final = ("lockstep", "produce_sync", "plate_node", "deadline", "
     "--deadline",
     type=click.IntRange(min=1, max=1000),
     metavar="MS",
-    help="Deadline of the loop in ms, where it was not that of the EDS; in lockstep and with"
+    help="Deadline of the loop in ms, if it was not that of the EDS. In lockstep and with"
     f" --realtime it is {SHORT_DEADLINE_MS}.",
 )
-@click.option("--eds", type=OLD_FILE, metavar="FILE", help="EDS of the stimulator, if another.")
+@click.option("--eds", type=OLD_FILE, metavar="FILE", help="EDS that the stimulator had.")
 @click.option(
     "--storage",
     type=OLD_FILE,
     metavar="FILE",
-    help="What it had stored as it was switched on; the file stays as it is.",
+    help="File of --storage as it was when the stimulator started; it is only read.",
 )
 @json_options()
 def replay(
@@ -232,12 +232,13 @@ def replay(
 ) -> None:
     """Recompute the frames of a stimulator from a log, and report the first difference.
 
-    LOG is a candump, ASC, BLF, CSV or TRC of stimulator and plate node, such as smarttac record
-    --raw makes; it has to begin before the stimulator is switched on or reset. A new stimulator
-    with the same EDS receives the frames of the others, at the times of the log, and each frame
-    that it sends is compared: drives, public TPDOs, emergencies, SDO answers. The exit code is 0 if
-    every frame of the stimulator in LOG was recomputed and is equal, 1 at a difference, and 3 if a
-    part of LOG could not be judged; the error then names the part and its share.
+    LOG is a candump, ASC, BLF, CSV or TRC file with the frames of stimulator and plate node, for
+    example from smarttac record --raw. It has to begin before the stimulator is switched on or
+    reset. A new stimulator with the same EDS receives the frames of the other nodes, at the times
+    of the log. Each frame that it sends is compared with the log: drives, public TPDOs,
+    emergencies, SDO answers. The exit code is 0 if every frame of the stimulator in LOG was
+    recomputed and is equal. It is 1 at a difference, and 3 if a part of LOG could not be judged;
+    the error then names the part and its share.
     """
     require_two_nodes(node_id, plate_node)
     if lockstep and produce_sync:

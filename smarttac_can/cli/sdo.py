@@ -55,7 +55,7 @@ def sdo() -> None:
 )
 @click.argument("node_id", type=NODE_ID, metavar="NODE")
 @click.argument("name", metavar="OBJECT")
-@click.option("--eds", type=EDS_FILE, help="EDS of the device; without, the bytes are shown.")
+@click.option("--eds", type=EDS_FILE, help="EDS of the device; without it, only bytes are shown.")
 @timeout_option
 @bus_options
 @json_options(bare=True)

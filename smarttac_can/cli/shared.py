@@ -483,7 +483,7 @@ def stimulator_options(command: Command) -> Command:
             show_default=True,
             help="Node-ID of the stimulator.",
         ),
-        click.option("--plate-node", type=NODE_ID, help="Node-ID of the plate, if it is a node."),
+        click.option("--plate-node", type=NODE_ID, help="Node-ID of the plate node, if any."),
     )(called)
 
 

@@ -82,7 +82,7 @@ def opened_front_end(name: str, *, by_clock: bool) -> Iterator[TimedFrontEnd]:
     try:
         plate = make()
     except Exception as error:  # a driver may raise any error
-        raise FrontEndError(f"front end {name} does not open: {error}") from error
+        raise FrontEndError(f"front end {name} cannot be opened: {error}") from error
     missing = [m for m in _METHODS if not callable(getattr(plate, m, None))]
     if missing:
         raise FrontEndError(f"front end {name} has no {', '.join(missing)}")

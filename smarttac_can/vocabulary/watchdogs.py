@@ -95,12 +95,12 @@ class Watchdog(IntEnum):
 class Way(Enum):
     """Ways in which a watchdog counts faulty cycles, and lowers the count."""
 
-    ONCE = "no count: once is enough"
-    SLOWLY = f"slowly: {FORGOTTEN} sound cycles make up for a faulty one"
+    ONCE = "no count: the first one trips"
+    SLOWLY = f"slowly: {FORGOTTEN} sound cycles take back one faulty cycle"
     """A leaky bucket, `nodes.watches.leaked`: faulty cycles with gaps add up to a fault, too."""
     IN_A_ROW = "at once"
     WINDOW = "with each window"
-    TIME_OUT = "at once: the timer starts anew, as what is late has come"
+    TIME_OUT = "at once: the timer starts again when the late frame comes"
 
 
 class Count(NamedTuple):
@@ -155,7 +155,7 @@ class WatchdogRow(NamedTuple):
 _COMMUNICATION: Final = ErrorRegister.COMMUNICATION
 _MANUFACTURER: Final = ErrorRegister.MANUFACTURER
 _DEADLINE: Final = "event timer of RPDO 5 to 7"
-_AT_ONCE: Final = "acted on where it is noticed"
+_AT_ONCE: Final = "it trips as soon as it is detected"
 _ONE_SAMPLE: Final = "one sample is enough: its noise is far below the limit"
 WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
     Watchdog.NMT: WatchdogRow(
@@ -169,8 +169,9 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
     Watchdog.HEARTBEAT: WatchdogRow(
         "the heartbeat of a supervised node is lost",
         FaultCode.HEARTBEAT_LOST, _COMMUNICATION, "Consumer heartbeat time",
-        "the consumer time; at once when the node boots again, 1 s and a heartbeat after one that "
-        "was OPERATIONAL left it; the plate has 2 s, two heartbeats, beside its PDOs",
+        "the consumer time. If the node boots again, it counts as lost at once; if it was "
+        "OPERATIONAL and leaves this state, 1 s and a heartbeat later. The plate has 2 s, two "
+        "heartbeats, because its PDOs are supervised, too",
         Way.TIME_OUT,
         limit="Consumer heartbeat time",
         remedy="see whether the program that drives, and the plate node, run and are on the bus",
@@ -179,19 +180,20 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
     Watchdog.MEASUREMENT: WatchdogRow(
         "the measurements of the plate are late",
         FaultCode.MEASUREMENT_LOST, _COMMUNICATION, _DEADLINE,
-        "the shortest of the three; see the deadline of the loop",
+        "the shortest of the three event timers: the deadline of the loop",
         Way.TIME_OUT,
-        ". Unusable measurements have to be in a row: CAN may deliver a frame twice, and a doubled "
-        "PDO looks like an incomplete measurement. Spread ones are ticks without a cycle, bit 24",
+        ". Unusable measurements only count in a row: CAN may deliver a frame twice, and a doubled "
+        "PDO looks like an incomplete measurement. If they come now and then, bit 24 counts the "
+        "ticks without a cycle",
         _DEADLINE,
         remedy="see whether the plate node runs, and whether the computer or the bus is too busy",
-        looks_at="how long ago a measurement was answered, in OPERATIONAL; measurements that "
+        looks_at="time since the last answered measurement, in OPERATIONAL; measurements that "
         "are incomplete, corrupt or of another tick",
     ),
     Watchdog.SETPOINT: WatchdogRow(
         "a set-point PDO is late",
         FaultCode.SETPOINT_LOST, _COMMUNICATION, "event timer of RPDO 1 to 4",
-        "what the master asks for; off by default",
+        "set by the master; off by default",
         Way.TIME_OUT,
         limit="event timer of RPDO 1 to 4",
         remedy="see whether the master that sends the set-points runs",
@@ -204,17 +206,18 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         Way.TIME_OUT,
         limit=_DEADLINE,
         remedy="see whether the producer of SYNC runs",
-        looks_at="SYNC of another node, from the first on",
+        looks_at="SYNC of another node, from the first SYNC on",
     ),
     Watchdog.SYNC_IRREGULAR: WatchdogRow(
         "SYNC is irregular",
         FaultCode.SYNC_IRREGULAR, _COMMUNICATION, f"4 x ({_DEADLINE}) + 4",
-        "counted over two deadlines and 2 periods, with one less than the deadline too many or too "
-        "few: at 3 ms 6 to 10 in 8 are right; the window in which it begins may end too early to "
-        "tell. A drift is counted over 1000 periods, with 10 and the deadline too many or too few: "
-        "2000 cycles",
+        "SYNCs are counted in windows of two deadlines plus 2 periods. The number may be wrong by "
+        "one less than the deadline in ms: with 3 ms, 6 to 10 SYNCs in 8 ms are accepted. A fault "
+        "that begins late in a window may only show in the next one. A drift is counted over 1000 "
+        "periods, where 10 plus the deadline may be too many or too few: 2000 cycles",
         Way.WINDOW,
-        ": what the short one lets pass adds up in the long one, to 1.3 % at 3 ms",
+        ": an error that is too small for the short window adds up in the long one, to 1.3 % at "
+        "3 ms",
         _DEADLINE,
         remedy="see what delays the producer of SYNC, and that there is only one",
         looks_at="SYNC of another node against device time",
@@ -249,13 +252,13 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         Way.ONCE,
         limit="Limit.Voltage",
         remedy="lower the set-point, or raise the limit if the stage allows that",
-        looks_at="the drive that the controllers ask for, and what the plate reports",
+        looks_at="the drive that the controllers command, and the emergency messages of the plate",
     ),
     Watchdog.AMPLITUDE: WatchdogRow(
         "the vibration is above its limit",
         FaultCode.AMPLITUDE, _MANUFACTURER, AMPLITUDE_CYCLES,
-        "the voltage is 0 V in each of these cycles; a finger that lifts lets the amplitude "
-        "overshoot for fewer",
+        "the voltage is 0 V in each of these cycles; when a finger lifts, the amplitude overshoots "
+        "for fewer cycles",
         Way.SLOWLY,
         limit="Limit.Amplitude trip",
         remedy="lower the set-point; if that is low, identify the plate again",
@@ -268,7 +271,7 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         Way.ONCE,
         limit="Limit.Temperature",
         remedy="let the plate cool down",
-        looks_at="the thermometer, and what the plate reports",
+        looks_at="the thermometer, and the emergency messages of the plate",
     ),
     Watchdog.NORMAL_FORCE: WatchdogRow(
         "the normal force is above its limit",
@@ -276,7 +279,7 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         Way.ONCE,
         limit="Limit.Normal force",
         remedy="press less",
-        looks_at="normal force, once tared",
+        looks_at="normal force, after the first tare",
     ),
     Watchdog.LATERAL_FORCE: WatchdogRow(
         "the lateral force is above its limit",
@@ -284,17 +287,17 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         Way.ONCE,
         limit="Limit.Lateral force",
         remedy="press less, and stroke more slowly",
-        looks_at="size of the lateral force, once tared",
+        looks_at="size of the lateral force, after the first tare",
     ),
     Watchdog.SATURATED: WatchdogRow(
         "a sensor is at the end of its range",
         FaultCode.SENSOR_SATURATED, _MANUFACTURER, SATURATED_CYCLES,
-        "a single sample may be a disturbance; pick-up: 6 cycles, as a finger that lifts lets the "
-        "plate overshoot. The voltage is 0 V in each of them, and a plate at 0 V falls by two "
-        "thirds a cycle",
+        "a single sample may be a disturbance. The pick-up has 6 cycles, because the plate "
+        "overshoots when a finger lifts. The voltage is 0 V in each of these cycles, and the "
+        "vibration of a plate at 0 V falls by two thirds in a cycle",
         Way.SLOWLY,
         remedy="press less; without a finger, check the sensors and their cables",
-        looks_at="the bits of sensors at their end",
+        looks_at="the bits of sensors that are at the end of their range",
         counts=(
             Count("saturated", Way.SLOWLY, SATURATED_CYCLES),
             Count("pick-up at its end", Way.SLOWLY, PICKUP_END_CYCLES, waits=True),
@@ -303,39 +306,41 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
     Watchdog.STUCK: WatchdogRow(
         "a sensor is stuck",
         FaultCode.SENSOR_STUCK, _MANUFACTURER, STUCK_THERMOMETER_CYCLES,
-        f"{STUCK_GAUGE_CYCLES} samples of gauge or pick-up within {STUCK_WITHIN} counts of the "
-        f"first, {STUCK_THERMOMETER_CYCLES} equal ones of the thermometer: see the false alarms",
+        f"{STUCK_GAUGE_CYCLES} samples of a gauge or the pick-up within {STUCK_WITHIN} counts of "
+        f"the first one, or {STUCK_THERMOMETER_CYCLES} equal samples of the thermometer; see false "
+        "alarms in Safety",
         Way.IN_A_ROW,
-        ": noise repeats single samples of a sound sensor, which would add up. One that "
-        f"sticks for less shows samples at most {STUCK_GAUGE_CYCLES - 1} ms old, the thermometer "
-        f"{STUCK_THERMOMETER_CYCLES - 1} ms",
+        ": with noise a sound sensor repeats single samples, and a slow count would add them up. A "
+        f"sensor that is stuck for a shorter time has samples at most {STUCK_GAUGE_CYCLES - 1} ms "
+        f"old, the thermometer {STUCK_THERMOMETER_CYCLES - 1} ms",
         remedy="check the sensors, their amplifiers and cables",
         looks_at="the counts of each sensor",
     ),
     Watchdog.GAUGES: WatchdogRow(
         "the gauges contradict each other",
         FaultCode.GAUGES_IMPLAUSIBLE, _MANUFACTURER, GAUGE_CYCLES,
-        "a finger that arrives or leaves may do so between two samples",
+        "a finger may land or lift between two samples",
         Way.SLOWLY,
         limit="Limit.Gauge mismatch",
         remedy="tare without a finger; if it comes again, check the four gauges",
-        looks_at="S3 to S6 against each other and the size of the plate, the lateral force "
-        "against the normal one; once tared",
+        looks_at="S3 to S6 compared with each other and with the size of the plate, the lateral "
+        "force compared with the normal one; after the first tare",
         counts=(Count("gauges", Way.SLOWLY, GAUGE_CYCLES),),
     ),
     Watchdog.PICKUP: WatchdogRow(
         "the vibration does not follow from the voltage",
         FaultCode.PICKUP_IMPLAUSIBLE, _MANUFACTURER, LACK_CYCLES,
-        "too much: 3 cycles, 10 where the loop hunts; none: 10 cycles, ten time constants; less "
-        "than any finger explains: 20 cycles, until its force is measured as well; with a plate "
-        "node as many more as its deadline is above 3 ms",
+        "too much vibration: 3 cycles, and 10 while the frequency oscillates. No vibration: "
+        "10 cycles, which are ten time constants. Less vibration than under any finger: 20 cycles, "
+        "until the force of a new finger is measured, too. With a plate node each number is larger "
+        "by the part of its deadline above 3 ms",
         Way.SLOWLY,
-        ". None at all has to be in a row, as the end of each pulse under a finger may "
-        "look like it",
+        ". Cycles without any vibration only count in a row, because the end of each pulse under a "
+        "finger may look like this",
         "Model",
         remedy="check the pick-up and the power stage; identify the plate again",
-        looks_at="amplitude of the pick-up against drive, model and normal force; what is lacking "
-        "not in the modes off and identify",
+        looks_at="amplitude of the pick-up compared with drive, model and normal force; too little "
+        "vibration is not judged in the modes off and identify",
         counts=(
             Count("excess", Way.SLOWLY, EXCESS_CYCLES, waits=True),
             Count("silent", Way.IN_A_ROW, SILENT_CYCLES, waits=True),
@@ -345,11 +350,11 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
     Watchdog.RESONANCE: WatchdogRow(
         "the resonance is lost",
         FaultCode.RESONANCE, _MANUFACTURER, RESONANCE_CYCLES,
-        "from the end of its range the loop takes 50 ms to the resonance; cycles with a vibration "
-        "count",
+        "from the end of its frequency range the loop needs 50 ms to the resonance; only cycles "
+        "with a vibration count",
         Way.SLOWLY,
-        ". Cycles at 0 V or without a vibration do not count; a mode that does not track "
-        "the resonance forgets all",
+        ". Cycles at 0 V or without a vibration do not count; a mode that does not track the "
+        "resonance sets the count to 0",
         remedy="identify the plate again; if that fails, look for a crack",
         looks_at="phase of the pick-up, in the modes that track the resonance",
         counts=(Count("resonance", Way.SLOWLY, RESONANCE_CYCLES, modes=TRACKING_MODES),),
@@ -359,7 +364,7 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         FaultCode.CONTROLLER, _MANUFACTURER, 1, "checked before the drive goes out",
         Way.ONCE,
         remedy="check Model and Controller: one of their values makes no sense",
-        looks_at="the drive that the controllers ask for, and whether they left their mode",
+        looks_at="the drive that the controllers command, and whether they have left their mode",
         lasting=False,
     ),
     Watchdog.CALIBRATION: WatchdogRow(
@@ -368,13 +373,13 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         Way.ONCE,
         limit="Calibration.Plate serial number",
         remedy="calibrate this plate, or write its calibration",
-        looks_at="serial number of the plate against the calibration, and whether that tells "
-        "both axes apart",
+        looks_at="serial number of the plate compared with that of the calibration, and whether "
+        "the calibration separates both axes",
     ),
     Watchdog.PLATE: WatchdogRow(
         "the plate went to 0 V by itself: its drives were late",
         FaultCode.DRIVE_LOST, _COMMUNICATION, 1,
-        "the plate reports it by 8253h, in the cycle after it did",
+        "the plate reports 8253h in the cycle after it has gone to 0 V",
         Way.ONCE,
         limit="event timer of the plate's RPDO 1",
         remedy="see whether the computer or the bus is too busy",
@@ -385,35 +390,37 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         "another node sends with an identifier of this one or of its plate: two have one node-ID; "
         "clear 3 s after the last such frame",
         FaultCode.DOUBLE, _COMMUNICATION, 1,
-        "one frame is enough, and the plate reports its own; without a plate that does, as many "
-        "measurements beyond one a SYNC as the deadline has ms, in twice as many SYNCs and 2: one "
-        "less is what SYNCs that were not received may leave. Present until 3 s without",
+        "one frame is enough; a plate node reports such frames for its own identifiers. If it does "
+        "not, surplus measurements are counted in windows of twice the deadline in ms plus 2 "
+        "SYNCs. As many as the deadline has ms are a fault; one less may come from SYNCs that were "
+        "not received. The fault is present until no such frame has come for 3 s",
         Way.WINDOW,
-        ": one less is what SYNCs that were not received may leave in each. A "
-        "measurement that a window lets pass is not answered",
+        ". A surplus measurement is not answered, even if it is no fault",
         _DEADLINE,
         remedy="give one of the two nodes another node-ID, by LSS or --node-id",
-        looks_at="identifiers of this node, emergency messages of the plate, measurements a SYNC",
+        looks_at="frames with identifiers of this node, emergency messages of the plate, number of "
+        "measurements for each SYNC",
         shown=True,
     ),
     Watchdog.UNSEEN: WatchdogRow(
         "late drives may make more vibration than their limit",
         FaultCode.UNSEEN, _MANUFACTURER, UNSEEN_CYCLES,
-        "drives in time are cut to what stays within it; what was sent before a late one may be in "
-        "force for longer; with a plate node as many more as its deadline is above 3 ms",
+        "drives in time are cut so that the bound stays within its limit, but if a drive is late, "
+        "the drive before it is in force for longer. With a plate node the number of cycles is "
+        "larger by the part of its deadline above 3 ms",
         Way.SLOWLY,
         limit="Limit.Amplitude by drive",
         remedy="lower the set-point; see whether the computer or the bus is too busy",
-        looks_at="drives, model, thermometer and normal force; nothing of the pick-up",
+        looks_at="drives, model, thermometer and normal force, but not the pick-up",
         counts=(Count("unseen", Way.SLOWLY, UNSEEN_CYCLES, waits=True),),
     ),
     Watchdog.MISSED_TIME: WatchdogRow(
         "too many ticks of a second had no cycle",
         FaultCode.MISSED_TIME, _MANUFACTURER, 2000,
-        "judged at the end of each second of a run; the one in which it begins may end too early "
-        "to tell",
+        "judged at the end of each second of a run; a fault that begins late in one second may "
+        "only show in the next one",
         Way.WINDOW,
-        ": a second, of which the limit is a share",
+        ": the limit is a share of each second",
         "Limit.Missed ticks",
         remedy="see what else the computer does; real time helps",
         looks_at="cycles against device time, while running",
@@ -422,10 +429,10 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
     Watchdog.STAGE: WatchdogRow(
         "the power stage does not put out the commanded voltage",
         FaultCode.STAGE, ErrorRegister.VOLTAGE, 1,
-        "the plate reports it by 3311h, in the cycle in which it sees it: at once in the simulated "
-        "stage and a front end's, within 5 cycles where hardware reads the stage back",
+        "the plate reports 3311h in the cycle that detects it: at once for the simulated stage and "
+        "for a front end, within 5 cycles if hardware reads the stage back",
         Way.SLOWLY,
-        ", where hardware reads the stage back; elsewhere no count",
+        " if hardware reads the stage back; otherwise there is no count",
         remedy="check the power stage and its supply",
         looks_at="emergency messages of the plate",
         lasting=False,
@@ -433,12 +440,12 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
     Watchdog.NOT_ENABLED: WatchdogRow(
         "hardware does not enable the power stage, or is silent",
         FaultCode.NOT_ENABLED, _MANUFACTURER, 1,
-        "the plate reports it by 9010h: when its Enable goes while it drives, when the event timer "
-        "of that RPDO is over, and when a voltage is asked for without; with a front end also when "
-        "it had no measurement in time for 2 cycles in a row, or anything that is wrong",
+        "the plate reports 9010h if Enable becomes 0 while it drives, if the event timer of this "
+        "RPDO elapses, or if a voltage is commanded without Enable. With a front end it also does "
+        "so after 2 cycles in a row without a measurement in time, or after a wrong measurement",
         Way.TIME_OUT,
-        ". Cycles of a front end without a "
-        "measurement have to be in a row: spread ones are ticks without a cycle, bit 24",
+        ". Cycles of a front end without a measurement only count in a row; if they come now and "
+        "then, bit 24 counts the ticks without a cycle",
         "event timer of the plate's RPDO 2",
         remedy="check Enable, and that the hardware sends its PDOs",
         looks_at="emergency messages of the plate",

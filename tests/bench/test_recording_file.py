@@ -473,8 +473,8 @@ def test_the_command_names_the_recovery_where_the_disk_is_full(
     result = run("record", path)
     assert result.exit_code == 1
     assert result.stderr.splitlines()[-1] == (
-        f"Error: {path}.log takes no more: No space left on device; what was recorded is in it: "
-        f"make room, then smarttac record --recover {path}.log {path} makes the file"
+        f"Error: {path}.log cannot be written: No space left on device; what was recorded is in "
+        f"it: make room, then smarttac record --recover {path}.log {path} makes the file"
     )
 
 

@@ -146,7 +146,7 @@ def test_a_trace_has_the_subject_of_the_finger_in_force(link: LinkName) -> None:
 
 @pytest.mark.parametrize(
     ("cof", "says"),
-    [(0.3, ""), (2.0, "2 was asked for, and this fi"), (0.05, "0.05 was asked for, and this fi")],
+    [(0.3, ""), (2.0, "2 was commanded, and this fi"), (0.05, "0.05 was commanded, and this fi")],
 )
 def test_a_trace_shows_that_its_cof_was_out_of_reach(cof: float, says: str) -> None:
     with Stimulator.simulate("local", subject=2) as bench:
@@ -160,7 +160,7 @@ def test_a_trace_shows_that_its_cof_was_out_of_reach(cof: float, says: str) -> N
     assert says in trace.shortfall
     assert bool(trace.shortfall) == bool(says)
     if says:
-        had = re.search(r"had (\d\.\d\d) to (\d\.\d\d): ask for that", trace.shortfall)
+        had = re.search(r"had (\d\.\d\d) to (\d\.\d\d): command that", trace.shortfall)
         assert had is not None
         low, high = map(float, had.groups())
         assert not low <= cof <= high

@@ -610,7 +610,7 @@ def test_a_panel_that_stands_still_is_no_news(browser: Tab) -> None:
         process.process.kill()
         browser.until(lambda: browser.text("state") == "no connection")
         is_dimmed_and_dated()
-        assert browser.text("alarm") == "No connection. Does smarttac panel still run?"
+        assert browser.text("alarm") == "No connection. Is smarttac panel still running?"
         browser.press_space()
         assert browser.text("alarm").startswith(UNCONFIRMED)
 

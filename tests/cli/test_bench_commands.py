@@ -353,7 +353,7 @@ def test_without_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_without_a_terminal() -> None:
     line = refusal("watch", "--interface", "virtual")
-    assert line == "watch needs a terminal; for a file, take a log of the bus"
+    assert line == "watch needs a terminal; to get a file, log the bus"
 
 
 def test_watch_drive_refuses_the_option_no_sdo() -> None:

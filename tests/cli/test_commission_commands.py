@@ -184,8 +184,8 @@ def test_files_of_any_maker_are_read(encoding: str, tmp_path: Path) -> None:
 
 
 DOUBLED = (
-    "node 9: more than one device has this node-ID, and the row is of either; give one of them "
-    "another by LSS or --node-id\n"
+    "node 9: more than one device has this node-ID, and the row may show any of them; give one of "
+    "them another by LSS or --node-id\n"
 )
 RICH_IDENTITY = "00000123:00000007:00010000:0000002A"
 
@@ -381,7 +381,7 @@ def test_a_dcf_is_loaded_into_its_device(tmp_path: Path) -> None:
     assert before.exit_code == 1
     assert "[1017] the device reads" in before.stdout
     assert (loaded.exit_code, loaded.stderr) == (0, "")
-    assert re.fullmatch(r"node 5: \d+ values, 0 refused or otherwise\n", loaded.stdout)
+    assert re.fullmatch(r"node 5: \d+ values, 0 refused or different\n", loaded.stdout)
     assert (after.exit_code, after.stdout) == (0, "")
     assert (again["node_id"], again["findings"]) == (5, [])
 
@@ -402,7 +402,7 @@ def test_eds_load_names_each_value_a_device_refuses(tmp_path: Path) -> None:
 def test_an_eds_is_no_dcf() -> None:
     bus = ("--interface", "virtual", "--channel", "none")
     assert "has no node-ID: give --node-id" in refusal("eds", "load", RICH_EDS, *bus, code=2)
-    assert "it is an EDS and no DCF" in refusal("eds", "load", PLATE, "--node-id", "5", *bus)
+    assert "it is an EDS, not a DCF" in refusal("eds", "load", PLATE, "--node-id", "5", *bus)
 
 
 # A DCF is that of one node.

@@ -135,7 +135,7 @@ def test_row_that_fails_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     result = run(*ONE)
     assert result.exit_code == 1
     assert result.stdout.startswith("FAILED measurements lost")
-    assert "1 of 1 faults did not end as they must" in result.stderr
+    assert "1 of 1 faults did not end as required" in result.stderr
 
 
 def test_soak_reports(tmp_path: Path) -> None:

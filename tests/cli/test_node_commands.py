@@ -43,11 +43,11 @@ VIRTUAL = ("--interface", "virtual", "--channel", "refusals")
             "--bus-option: virtual has no option 'prot'; perhaps 'protocol'",
         ),
         ((*VIRTUAL, "--bus-option", "channel=x"), "has an option of its own"),
-        ((*VIRTUAL, "--cpu", "0"), "--cpu is for --realtime PRIORITY: none is given"),
-        ((*VIRTUAL, "--cpu", "0", "--lockstep"), "--cpu is for --realtime PRIORITY"),
+        ((*VIRTUAL, "--cpu", "0"), "--cpu needs --realtime PRIORITY"),
+        ((*VIRTUAL, "--cpu", "0", "--lockstep"), "--cpu needs --realtime PRIORITY"),
         (
             (*VIRTUAL, "--realtime", "10", "--cpu", "0", "--lockstep"),
-            "--realtime follows the clock, --lockstep does not",
+            "--realtime runs by the clock, --lockstep by SYNC",
         ),
     ],
 )
@@ -61,7 +61,7 @@ def test_bad_options(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--produce-sync",), "--produce-sync is the tick of a --plate-node"),
+        (("--produce-sync",), "--produce-sync needs --plate-node"),
         (("--produce-sync", "--lockstep", "--plate-node", "33"), "leave out --produce-sync"),
         (("--plate-node", "33", "--finger", "none"), "--finger is for the plate inside"),
         (("--plate-node", "33", "--subject", "1"), "--subject is for the plate inside"),

@@ -112,8 +112,8 @@ def test_by_entry_point(lab: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         ("lab_front_ends:", "no front end 'lab_front_ends:'"),
         ("no_such_module:Rest", "cannot import front end no_such_module:Rest: No module named"),
         ("lab_front_ends:Nope", "has no attribute 'Nope'"),
-        ("lab_front_ends:Unopened", "does not open: no such card"),
-        ("lab_front_ends:NUMBER", "does not open: 'int' object is not callable"),
+        ("lab_front_ends:Unopened", "cannot be opened: no such card"),
+        ("lab_front_ends:NUMBER", "cannot be opened: 'int' object is not callable"),
         ("lab_front_ends:Deaf", "has no put_out, close"),
     ],
 )

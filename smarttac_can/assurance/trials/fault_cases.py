@@ -696,10 +696,9 @@ CASES: Final[tuple[FaultCase, ...]] = (
               pause_stimulator, resume_stimulator, deaf=True),
     FaultCase("plate paused for 2 s", AT_ONCE, Watchdog.MEASUREMENT,
               pause_plate, nothing, deaf=True,
-              uncovered="a process that stands cannot put its "
-              "stage at 0 V, and does not hear hardware that asks for it. The stage's own hardware "
-              "has to: an enable in its supply that falls when it is not served in time, by a "
-              "watchdog that each cycle of the plate retriggers"),
+              uncovered="a stopped process cannot set its stage to 0 V, also if hardware commands "
+              "this by Enable. The supply of the stage needs a contact that opens unless each "
+              "cycle of the plate retriggers it"),
     FaultCase("master paused", PDO_DEADLINE_MS, Watchdog.SYNC_LOST, pause_master,
               resume_master),
 )  # fmt: skip
@@ -725,7 +724,7 @@ TOLERATED: Final[tuple[FaultCase, ...]] = (
 
 
 Row = tuple[FaultCase, Mode]
-_HUNTS = "the loop hunts in frequency, so that the wrong phase does not last; the lack comes again"
+_HUNTS = "the frequency oscillates, so the wrong phase does not last; the vibration is too small"
 _FIRST: Final[Mapping[str, tuple[Watchdog, str]]] = {
     "pick-up d at 0.1, tracked": (Watchdog.PICKUP, _HUNTS),
     "pick-up d at 0.2, tracked": (Watchdog.PICKUP, _HUNTS),

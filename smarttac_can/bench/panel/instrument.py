@@ -79,7 +79,7 @@ _STEPS: Final = 200
 _DONE: Final = {
     "hand": "the mouse is the finger",
     "stroke": "the finger strokes by itself",
-    "mend": "what was broken is whole again",
+    "mend": "the fault is removed",
     "identify": "identification has begun",
 }
 _PANEL_WORDS: Final = {

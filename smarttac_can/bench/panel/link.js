@@ -49,7 +49,7 @@ function connect() {
   };
   socket.onclose = event => {
     const closed = CLOSED.includes(event.code);
-    gone = closed ? closing(event.reason) : "No connection. Does smarttac panel still run?";
+    gone = closed ? closing(event.reason) : "No connection. Is smarttac panel still running?";
     newsAt = -Infinity;
     judge();
     if (!closed) setTimeout(connect, 1000);
@@ -57,7 +57,7 @@ function connect() {
 }
 
 const closing = reason => reason === "wrong token" ?
-  "The token in this address is not that of this panel: it changes with each start. " +
+  "The token in this address is wrong: the panel makes a new token at each start. " +
     "Open the address that smarttac panel printed last." :
   `The panel has closed this page: ${reason}. Open the address that smarttac panel printed.`;
 
@@ -98,14 +98,14 @@ function judge() {
   if (stopAt !== null && (old || performance.now() - stopAt > 1e3 * OLD_S))
     words.push("STOP IS NOT CONFIRMED: cut the supply of the power stage.");
   if (gone) words.push(gone);
-  else if (old) words.push("No news: the panel, its computer or the network stands still. What is dimmed is old.");
+  else if (old) words.push("No news: the panel, its computer or the network does not respond. Dimmed values are old.");
   else {
     for (const [text, remedy] of update.faults || [])
       words.push(`FAULT: ${text}. The plate is at 0 V.\nTo do: ${remedy}${about.simulated ? "; here, click Mend" : ""}. ` +
         "Then click Reset fault, and a mode.");
     words.push(...update.notes || []);
     if (about.drives && !token)
-      words.push("This page only looks on: its address has no token. To stop or drive, open the address that smarttac panel printed.");
+      words.push("This page only shows: its address has no token. To stop or drive, open the address that smarttac panel printed.");
   }
   const alarm = printed(words.join("\n"));
   write("alarm", alarm);

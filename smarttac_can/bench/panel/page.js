@@ -50,7 +50,7 @@ function introduce() {
   write("where", about.where);
   $("stop").hidden = $("drive").hidden = !about.drives || !token;
   $("finger").hidden = $("breaking").hidden = !about.simulated;
-  $("plate").setAttribute("aria-label", "Plate with the finger, COF by place" +
+  $("plate").setAttribute("aria-label", "Plate with the finger, COF over position" +
     (about.simulated ? ". Arrow keys: move the finger, press less and more; Escape: lift it" : ""));
   fill("modes", about.modes.map(mode => button(mode, () => line(`mode ${mode.replaceAll(" ", "_")}`))));
   for (const [id, laws] of [["law", about.laws], ["vibration", about.vibration_laws]])
@@ -128,7 +128,7 @@ function show(now) {
     printed(now.message || "No message."));
   write("model", printed(now.model || STEPS));
   $("drive").textContent = now.drives ? "Release" : "Drive";
-  $("drive").title = now.drives ? "You drive. Release it, at 0 V, for another page" : "Take the stimulator, if no other page drives";
+  $("drive").title = now.drives ? "You drive. Stop driving, at 0 V, so that another page can drive" : "Drive the stimulator, if no other page drives it";
   for (const each of $("modes").children) {
     each.className = each.textContent === now.mode ? "on" : "";
     each.ariaPressed = each.textContent === now.mode;

@@ -303,7 +303,7 @@ class Panel:
         elif do == "finger":
             instrument.guide(page, _number(asked["x"]), _number(asked["force"]))
         else:
-            raise ValueError(f"{do!r} is nothing a page does")
+            raise ValueError(f"{do!r} is not a command of the page")
 
     async def _send(self, socket: web.WebSocketResponse, page: _Page) -> None:
         """Send an update each `UPDATE_S`, unless the one before is not shown yet."""

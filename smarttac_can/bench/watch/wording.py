@@ -38,7 +38,7 @@ def limits_in_the_way(values: Mapping[str, float], mode: str) -> dict[str, str]:
         return found
     most_w = values.get("Limit.Amplitude", 0.0)
     if mode == Mode.OPEN_LOOP.name.lower().replace("_", " "):
-        return {"Vibration.Voltage": f"cut: the bare plate reaches its limit of {most_w:g} um"}
+        return {"Vibration.Voltage": f"cut: a bare plate would exceed {most_w:g} um"}
     if values.get("Vibration.Amplitude", 0.0) >= _NEAR * most_w > 0.0:
         return {"Vibration.Amplitude": f"at its limit of {most_w:g} um"}
     bound_w = values.get("Limit.Amplitude by drive")

@@ -489,7 +489,7 @@ def _require_data_sheet(model: PlateModel, p: CascadeParameters) -> None:
         if abs(off) > p.sheet_tolerance:
             raise IdentificationError(
                 f"{name} {found * per:.3g} {unit} is {100.0 * off:+.0f} % off the data sheet's "
-                f"{sheet * per:.3g} {unit}, {100.0 * p.sheet_tolerance:.0f} % are believed: "
+                f"{sheet * per:.3g} {unit}, {100.0 * p.sheet_tolerance:.0f} % are allowed: "
                 "check the pick-up, or write the data sheet of this plate to Model"
             )
 

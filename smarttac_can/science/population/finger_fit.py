@@ -169,24 +169,24 @@ class Estimate(NamedTuple):
     low: float
     high: float
     told: bool
-    """Whether the recording tells it; otherwise the limits are wide, or those of most fingers."""
+    """Whether the recording determines it; if not, its limits are wide, or as for most fingers."""
     reason: str
-    """Why it is not told; empty if it is."""
+    """Reason why the recording does not determine it; empty if it does."""
 
 
 class FingerFit(NamedTuple):
     """A finger fitted to a recording."""
 
     subject: Subject
-    """The finger with all values; those that are not told are right together only."""
+    """The finger with all values. Values that are not determined only fit together."""
     numbers: dict[str, Estimate]
     """By the names of the fields of `Subject`."""
     residual: float
-    """Standard deviation of what is left of the lateral force, in N."""
+    """Standard deviation of the residual of the lateral force, in N."""
     rows: int
     """Number of ticks that were compared."""
     independent: float
-    """Number of independent residuals that tell as much."""
+    """Number of independent residuals with the same information."""
 
 
 def _slid(
@@ -323,7 +323,7 @@ def fit_finger(
     name: str = "fitted",
     progress: Callable[[float], None] | None = None,
 ) -> FingerFit:
-    """Fit a fingertip to a recording, and tell how sure its numbers are.
+    """Fit a fingertip to a recording, with the uncertainty of its numbers.
 
     Parameters
     ----------

@@ -299,7 +299,7 @@ def test_panel_names_the_limit_that_is_in_the_way(by_hand: ByHand) -> None:
     by_hand.go_on(0.1)
     assert by_hand.bench.seen is not None
     assert by_hand.bench.seen.view.limited == {
-        "Vibration.Voltage": "cut: the bare plate reaches its limit of 3 um"
+        "Vibration.Voltage": "cut: a bare plate would exceed 3 um"
     }
     assert voltage(by_hand.bench) == pytest.approx(60.0)
 

@@ -254,7 +254,7 @@ def test_panel_command_ends_at_0_v_when_its_instrument_fails(
     monkeypatch.setattr("smarttac_can.bench.panel.server.serve", drives)
     monkeypatch.setattr("smarttac_can.bench.panel.server.Panel", lambda instrument, *_: instrument)
     assert refused(*multicast_options(multicast), "--drive") == (
-        "the panel has failed, and leaves the plate at 0 V"
+        "the panel has failed; the plate is at 0 V"
     )
     asyncio.run(shows(node, Mode.OFF))
 
@@ -271,7 +271,7 @@ def test_panel_command_names_missing_bus_options(options: tuple[str, ...]) -> No
 
 def test_a_panel_that_looks_on_records_nothing(tmp_path: Path) -> None:
     said = refused("--interface", "virtual", "--record", str(tmp_path / "folder"))
-    assert said == "--record needs --drive: a page that looks on records nothing"
+    assert said == "--record needs --drive: without it no page may record"
 
 
 @pytest.mark.parametrize(

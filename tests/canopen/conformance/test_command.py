@@ -72,7 +72,8 @@ def test_the_sheet_of_another_device_is_named(conform: Conform, tmp_path: Path) 
     other.write_text(changed("1018sub2", "DefaultValue=0x0000ABCD"))
     result = conform("--eds", str(other), "--timeout", "1", "--case", "HB-01")
     said = (
-        "other.eds may be of another device than node 9: product code is 00000007h, not 0000ABCDh"
+        "other.eds may describe another device than node 9: product code is 00000007h, "
+        "not 0000ABCDh"
     )
     assert (result.exit_code, result.output.splitlines()[0]) == (0, said)
 

@@ -219,9 +219,9 @@ def test_equal_change_of_gain_and_tau_is_a_finger(factor):
 @pytest.mark.parametrize(
     ("gain", "tau", "message"),
     [
-        (100e-9, 1e-3, "gain 100 nm/V is +100 % off the data sheet's 50 nm/V, 20 % are believed"),
-        (37.5e-9, 1e-3, "gain 37.5 nm/V is -25 % off the data sheet's 50 nm/V, 20 % are believed"),
-        (50e-9, 1.5e-3, "tau 1.5 ms is +50 % off the data sheet's 1 ms, 20 % are believed"),
+        (100e-9, 1e-3, "gain 100 nm/V is +100 % off the data sheet's 50 nm/V, 20 % are allowed"),
+        (37.5e-9, 1e-3, "gain 37.5 nm/V is -25 % off the data sheet's 50 nm/V, 20 % are allowed"),
+        (50e-9, 1.5e-3, "tau 1.5 ms is +50 % off the data sheet's 1 ms, 20 % are allowed"),
     ],
 )
 def test_identification_off_the_data_sheet_names_units(gain, tau, message):
@@ -446,7 +446,7 @@ def test_a_gain_far_from_the_data_sheet_is_not_believed(share):
     assert found.state is IdentificationState.FAILED
     assert found.failure == (
         f"gain {50 * share:.3g} nm/V is {100 * share - 100:+.0f} % off the data sheet's 50 nm/V, "
-        "10 % are believed: check the pick-up, or write the data sheet of this plate to Model"
+        "10 % are allowed: check the pick-up, or write the data sheet of this plate to Model"
     )
 
 
