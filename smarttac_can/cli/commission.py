@@ -8,7 +8,7 @@ from datetime import datetime
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TypeVar
+from typing import Final, TypeVar
 
 import click
 
@@ -80,8 +80,11 @@ from smarttac_can.host.files import (
     read_eds_file,
     result_file,
 )
+from smarttac_can.host.terminal import progress_bar
 from smarttac_can.vocabulary.meanings import EMERGENCIES, FIELDS
 
+_LONG_S: Final = 1.0
+"""Time in s after which the progress of a transfer is shown."""
 _HEAD = ("node", "state", "name", "vendor", "product", "revision", "serial", "EDS")
 
 
@@ -205,13 +208,20 @@ def lss(
     A device that has a node-ID already is reset (NMT reset communication) to take the new one.
     """
     with plain_errors():
-        with closing_network(bus) as network:
+        with closing_network(bus) as network, progress_bar("fastscan", _LONG_S) as progress:
             assigned = assign_node_id(
-                network, node_id, identity=identity, store=store, timeout=timeout, force=force
+                network,
+                node_id,
+                identity=identity,
+                store=store,
+                timeout=timeout,
+                force=force,
+                progress=progress,
             )
         if not assigned.booted:
             raise NodeNotFoundError(
-                f"{assigned.identity} has taken node-ID {node_id}, but sent no boot-up"
+                f"{assigned.identity} has taken node-ID {node_id}, but sent no boot-up within "
+                f"{timeout:g} s"
             )
     before = "none" if assigned.previous is None else f"{assigned.previous}"
     stored = ", stored" if store else ""
@@ -267,8 +277,10 @@ def check(
         findings = check_eds(text, file.name)
         if device and node_id is not None:
             od = load_file(file, node_id)
-            with closing_network(bus) as network:
-                findings += compare_reads(network, od, _written_out(text), timeout)
+            with closing_network(bus) as network, progress_bar("reading", _LONG_S) as progress:
+                findings += compare_reads(
+                    network, od, _written_out(text), timeout, progress=progress
+                )
         rows = [
             {"section": shown(f.section), "message": f.message, "error": f.error} for f in findings
         ]
@@ -315,8 +327,10 @@ def load(
             if not values:
                 raise ValueError("it has no values for the device: it is an EDS, not a DCF")
             take_files(values, sections, partial(_file_beside, file))
-        with closing_network(bus) as network:
-            found = write_dcf(network, od, sections, timeout, any_device=any_device)
+        with closing_network(bus) as network, progress_bar("writing", _LONG_S) as progress:
+            found = write_dcf(
+                network, od, sections, timeout, any_device=any_device, progress=progress
+            )
             findings = list(found)
         wrong = [finding for finding in findings if finding.error]
         rows = [{"section": shown(f.section), "message": f.message} for f in wrong]
@@ -375,7 +389,10 @@ def save(
         with naming(name, ValueError):
             node_id_of(read_sections(text, []), node_id)
             od, sections = load_eds(text, node_id), _written_out(text)
-        found = read_values(network, od, sections, timeout, any_device=any_device)
+        with progress_bar("reading", _LONG_S) as progress:
+            found = read_values(
+                network, od, sections, timeout, any_device=any_device, progress=progress
+            )
         made, left = save_dcf(
             text,
             found.values,
@@ -429,8 +446,8 @@ def diff(
             sections = _written_out(read_eds_file(file))
             if node_id is None and node_id_of(sections) is None:
                 raise click.UsageError(f"{file} has no node-ID: give --node-id, or another file")
-            with closing_network(bus) as network:
-                found = read_values(network, od, sections, timeout)
+            with closing_network(bus) as network, progress_bar("reading", _LONG_S) as progress:
+                found = read_values(network, od, sections, timeout, progress=progress)
             first = {entry: entry.default for entry in found.values}
             differences = compare_values(first, found.values)
             lines += [str(finding) for finding in found.unread]

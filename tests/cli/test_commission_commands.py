@@ -4,11 +4,13 @@ import json
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
+import can
 import canopen
 import cantools
 import pytest
@@ -319,6 +321,75 @@ def test_lss_moves_a_device_by_its_identity() -> None:
     assert device.device.node_id == 6
     assert "no device with the identity 00000123:00000007:00010000:0000002B" in wrong
     assert "no device without node-ID answers fastscan" in none
+
+
+class LateSlave(can.Listener):
+    """An LSS slave that answers each question 0.3 s later."""
+
+    ANSWERS: Final = {0x51: 0x4F, 0x43: 0x44, 0x5E: 0x5E}
+
+    def __init__(self, bus: can.BusABC, late: set[int]) -> None:
+        self.bus = bus
+        self.late = late
+
+    def on_message_received(self, msg: can.Message) -> None:
+        answer = self.ANSWERS.get(msg.data[0]) if msg.arbitration_id == 0x7E5 else None
+        if answer is not None:
+            frame = can.Message(arbitration_id=0x7E4, data=[answer] + [0] * 7, is_extended_id=False)
+            threading.Timer(0.3 * (msg.data[0] in self.late), self.bus.send, [frame]).start()
+
+
+@pytest.mark.parametrize(
+    ("late", "options", "said"),
+    [
+        (0x51, (), "a device without node-ID answers fastscan later than the 0.1 s that it may"),
+        (0x43, ("--identity", RICH_IDENTITY), "answers later than the time-out of 0.1 s: give it"),
+        (0x5E, ("--identity", RICH_IDENTITY), "was asked to tell its node-ID, and answers later"),
+    ],
+)
+def test_lss_tells_an_answer_that_is_late_from_none(
+    late: int, options: tuple[str, ...], said: str
+) -> None:
+    at = ("--interface", "virtual", "--channel", "lss-late", "--timeout", "0.1")
+    with can.Bus(interface="virtual", channel="lss-late") as bus:
+        notifier = can.Notifier(bus, [LateSlave(bus, {late})])
+        line = refusal("lss", "6", *options, *at)
+        notifier.stop()
+    assert said in line
+
+
+@pytest.fixture
+def bars(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, list[float]]]:
+    """Labels of the progress bars of commands, and the fractions that each has shown."""
+    shown: list[tuple[str, list[float]]] = []
+
+    @contextmanager
+    def bar(label: str, _after: float) -> Iterator[Callable[[float], None]]:
+        shown.append((label, []))
+        yield shown[-1][1].append
+
+    monkeypatch.setattr("smarttac_can.cli.commission.progress_bar", bar)
+    return shown
+
+
+def test_lss_shows_the_progress_of_fastscan(bars: list[tuple[str, list[float]]]) -> None:
+    with running("lss-bar", rich(255)) as bus:
+        succeed("lss", "12", *bus, "--timeout", "2")
+    ((label, shares),) = bars
+    assert (label, len(shares), shares[-1]) == ("fastscan", 133, 1.0)
+    assert shares == sorted(shares)
+
+
+def test_eds_commands_show_the_progress_of_reading_and_writing(
+    bars: list[tuple[str, list[float]]], tmp_path: Path
+) -> None:
+    with running("bars", rich(5)) as bus:
+        succeed("eds", "check", RICH_EDS, "--device", "--node-id", "5", *bus)
+        succeed("eds", "save", "--node-id", "5", tmp_path / "5.dcf", "--eds", RICH_EDS, *bus)
+        succeed("eds", "diff", tmp_path / "5.dcf", *bus)
+        succeed("eds", "load", tmp_path / "5.dcf", *bus)
+    assert [label for label, _ in bars] == ["reading", "reading", "reading", "writing"]
+    assert all(len(shares) > 10 and shares[-1] == 1.0 for _, shares in bars)
 
 
 def test_lss_refuses_a_node_id_that_is_in_use() -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import monotonic, sleep
-from typing import Final, NamedTuple
+from types import SimpleNamespace
+from typing import Any, Final, NamedTuple, Self
 
 import canopen
 from canopen import lss
@@ -17,6 +18,10 @@ from smarttac_can.canopen.od.cia import NMTCommand
 
 _FASTSCAN_S: Final = 0.1
 """Time in s without an answer that counts as no; half of the 132 questions of fastscan get none."""
+_QUESTIONS: Final = 133
+"""Questions of a fastscan that finds a device: the first, and 33 for each part of its identity."""
+_LATE_S: Final = 1.0
+"""Time in s to listen for an answer that comes too late, to tell it from none."""
 _MOST_UNCONFIGURED: Final = 127
 _POLL_S: Final = 0.01
 ASKS_DEVICE_TYPE: Final = bytes((0x40, cia.DEVICE_TYPE & 0xFF, cia.DEVICE_TYPE >> 8, 0, 0, 0, 0, 0))
@@ -67,6 +72,7 @@ def assign_node_id(
     store: bool,
     timeout: float,
     force: bool,
+    progress: Callable[[float], None] = lambda _share: None,
 ) -> Assigned:
     """Assign a node-ID to a device and let it start with that.
 
@@ -86,35 +92,44 @@ def assign_node_id(
         Longest wait for an answer, and for the boot-up message, in s.
     force
         Whether to skip the check that the node-ID is free.
+    progress
+        Function called with the fraction of a fastscan that is done, 0..1.
 
     Raises
     ------
     NodeNotFoundError
-        If no such device answers.
+        If no such device answers in time. The message says if an answer came too late.
     RefusedError
         If the node-ID is in use, or the device does not accept or store it.
     """
     master = network.lss
     booted: list[bytes] = []
-    with _waiting_afterwards(network):
+    with _waiting_afterwards(network), _Answers(network) as answers:
         if identity is None:
-            identity = _fast_scan(network)
+            with _counted(network, progress):
+                identity = _fast_scan(network)
             if identity is None:
-                raise NodeNotFoundError("no device without node-ID answers fastscan")
+                raise NodeNotFoundError(
+                    f"a device without node-ID answers fastscan later than the {_FASTSCAN_S:g} s "
+                    "that it may take: give the device's identity, which waits for the time-out"
+                    if answers.late(since=0)
+                    else "no device without node-ID answers fastscan; one that has a node-ID "
+                    "already takes another by its identity"
+                )
         else:
-            _select(network, identity, timeout)
+            _select(network, identity, timeout, answers)
         master.RESPONSE_TIMEOUT = timeout
-        with _refusals("tell its node-ID"):
+        with _refusals("tell its node-ID", answers):
             present = master.inquire_node_id()
         if not force and present != node_id:
             _require_unused(network, node_id, timeout)
         network.subscribe(
             cia.HEARTBEAT_ID + node_id, lambda _id, data, _at: booted.append(bytes(data))
         )
-        with _refusals(f"take node-ID {node_id}"):
+        with _refusals(f"take node-ID {node_id}", answers):
             master.configure_node_id(node_id)
         if store:
-            with _refusals("store it"):
+            with _refusals("store it", answers):
                 master.store_configuration()
     previous = present if 1 <= present <= cia.LAST_NODE_ID else None
     if previous is not None:
@@ -163,7 +178,56 @@ def _fast_scan(network: canopen.Network) -> Identity | None:
     return Identity(*numbers) if found else None
 
 
-def _select(network: canopen.Network, identity: Identity, timeout: float) -> None:
+class _Answers:
+    """Counts the answers of devices to LSS, also those that come after the time to wait for them.
+
+    Parameters
+    ----------
+    network
+        Connected network of python-canopen, at which it listens during a block.
+    """
+
+    def __init__(self, network: canopen.Network) -> None:
+        self._network = network
+        self.count = 0
+
+    def __enter__(self) -> Self:
+        self._network.subscribe(cia.LSS_SLAVE_ID, self._hear)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._network.unsubscribe(cia.LSS_SLAVE_ID, self._hear)
+
+    def _hear(self, _can_id: int, _data: bytearray, _timestamp: float) -> None:
+        self.count += 1
+
+    def late(self, since: int) -> bool:
+        """Return whether there are more than so many answers, now or within a second."""
+        wait_until(lambda: self.count > since, _LATE_S)
+        return self.count > since
+
+
+@contextmanager
+def _counted(network: canopen.Network, progress: Callable[[float], None]) -> Iterator[None]:
+    """Report the progress of a fastscan during the block, by the questions that it sends."""
+    asked = 0
+
+    def send(*frame: Any, **options: Any) -> None:
+        nonlocal asked
+        asked += 1
+        progress(min(asked / _QUESTIONS, 1.0))
+        network.send_message(*frame, **options)
+
+    network.lss.network = SimpleNamespace(send_message=send)
+    try:
+        yield
+    finally:
+        network.lss.network = network
+
+
+def _select(
+    network: canopen.Network, identity: Identity, timeout: float, answers: _Answers
+) -> None:
     network.lss.RESPONSE_TIMEOUT = timeout
     # Otherwise a device that is still selected would be configured as well.
     network.lss.send_switch_state_global(lss.LssMaster.WAITING_STATE)
@@ -171,6 +235,11 @@ def _select(network: canopen.Network, identity: Identity, timeout: float) -> Non
         selected = network.lss.send_switch_state_selective(*identity)
     except LssError:
         selected = False
+    if not selected and answers.late(since=0):
+        raise NodeNotFoundError(
+            f"the device with the identity {identity} answers later than the time-out of "
+            f"{timeout:g} s: give it a longer one"
+        )
     if not selected:
         raise NodeNotFoundError(
             f"no device with the identity {identity} answers; one that is OPERATIONAL takes no "
@@ -187,8 +256,14 @@ def _waiting_afterwards(network: canopen.Network) -> Iterator[None]:
 
 
 @contextmanager
-def _refusals(action: str) -> Iterator[None]:
+def _refusals(action: str, answers: _Answers) -> Iterator[None]:
+    before = answers.count
     try:
         yield
     except LssError as error:
+        if answers.count == before and answers.late(before):
+            raise NodeNotFoundError(
+                f"the device was asked to {action}, and answers later than the time-out: give it "
+                "a longer one"
+            ) from error
         raise RefusedError(f"the device does not {action}: {error}") from error

@@ -38,9 +38,16 @@ _LONGEST_SHOWN: Final = 60
 _NOT_ON_SCAN: Final = 2
 """Bit of ObjFlags (CiA 306) of an object that is not to be read by a scan of all objects."""
 
+Progress = Callable[[float], None]
+
 
 def compare_reads(
-    network: canopen.Network, od: ObjectDictionary, sections: Sections, timeout: float
+    network: canopen.Network,
+    od: ObjectDictionary,
+    sections: Sections,
+    timeout: float,
+    *,
+    progress: Progress = lambda _share: None,
 ) -> Iterator[Finding]:
     """Read every object of a device over SDO and compare it with the default of the EDS.
 
@@ -57,6 +64,8 @@ def compare_reads(
         Sections of the same EDS, with its compact forms written out.
     timeout
         Longest wait for an answer in s.
+    progress
+        Function called with the fraction of the objects that are done, 0..1.
 
     Yields
     ------
@@ -65,7 +74,7 @@ def compare_reads(
         not answer, that is the last one.
     """
     client = _client(network, od, timeout)
-    for entry in od:
+    for entry in _showing(od, progress):
         if entry.readable and not _flags(entry, sections) & _NOT_ON_SCAN:
             keys = sections.get(_section(entry, sections), {})
             stated = keys.get("parametervalue") or keys.get("defaultvalue")
@@ -84,6 +93,7 @@ def write_dcf(
     timeout: float,
     *,
     any_device: bool = False,
+    progress: Progress = lambda _share: None,
 ) -> Iterator[Finding]:
     """Write the values of a DCF to its device, and read each of them back.
 
@@ -103,6 +113,8 @@ def write_dcf(
         Longest wait for an answer in s.
     any_device
         Whether to write to a device of another vendor or product.
+    progress
+        Function called with the fraction of the values that are read back, 0..1.
 
     Yields
     ------
@@ -125,7 +137,7 @@ def write_dcf(
         writer.write_all(values)
         for entry, text in writer.refused.items():
             yield Finding(_section(entry, sections), text)
-        for entry in values:
+        for entry in _showing(values, progress):
             readable = entry.readable and entry.data_type is not DataType.DOMAIN
             if readable and entry not in writer.refused:
                 yield from _read(client, entry, sections, judged=True)
@@ -186,6 +198,7 @@ def read_values(
     timeout: float,
     *,
     any_device: bool = False,
+    progress: Progress = lambda _share: None,
 ) -> ReadValues:
     """Read what a DCF of a device would state: each value that can be read and written.
 
@@ -197,6 +210,8 @@ def read_values(
     ----------
     network, od, sections, timeout, any_device
         As for `write_dcf`.
+    progress
+        Function called with the fraction of the objects that are done, 0..1.
 
     Raises
     ------
@@ -208,7 +223,7 @@ def read_values(
     client = _client(network, od, timeout)
     values: dict[Entry, Any] = {}
     unread = list(compare_identity(client, od, any_device=any_device))
-    for entry in od:
+    for entry in _showing(od, progress):
         if not (_in_dcf(entry) and entry.readable) or _flags(entry, sections) & _NOT_ON_SCAN:
             continue
         try:
@@ -480,6 +495,15 @@ def _communication_record(index: int) -> int | None:
             if 0 <= index - first < cia.PDO_COUNT:
                 return index - first + communication
     return None
+
+
+def _showing(entries: Iterable[Entry], progress: Progress) -> Iterator[Entry]:
+    """Yield entries, and report how many of them are done."""
+    every = list(entries)
+    for number, entry in enumerate(every):
+        progress(number / len(every))
+        yield entry
+    progress(1.0)
 
 
 def _client(network: canopen.Network, od: ObjectDictionary, timeout: float) -> Any:
