@@ -130,13 +130,15 @@ def demo(seed: int, output: Path | None) -> None:
                     frozenset(FIGURES), conditions, link="bus", folder=folder, progress=progress
                 )
             late = Conditions(seed=seed, dead_time=loop_dead_time(BIT_RATE))
-            _, delayed = run_reproduction(_VIBRATION, late)
+            with progress_bar("running with dead time") as progress:
+                _, delayed = run_reproduction(_VIBRATION, late, progress=progress)
             click.echo(table_text(results))
             click.echo(
                 "The same with the time that the loop's frames take at worst on a real bus:\n"
             )
             click.echo(dead_time_table(results, delayed))
-            write_report(folder, traces, results)
+            with progress_bar("drawing") as progress:
+                write_report(folder, traces, results, progress)
     click.echo(f"pictures: {made / INDEX}")
 
 
@@ -229,7 +231,8 @@ def reproduce(
         if animate is not None:
             from smarttac_can.studies.paper.figures import save_crossing  # noqa: PLC0415 - an extra
 
-            save_crossing(traces, moving / animate.name)
+            with progress_bar("drawing") as progress:
+                save_crossing(traces, moving / animate.name, progress)
         write_results(results, tables)
 
 
@@ -239,7 +242,9 @@ def report(folder: Path) -> None:
     """Draw the figures and index.html of a folder that reproduce --output wrote."""
     with plain_errors():
         need_matplotlib()
-        page = write_report(folder, *_read_run(folder))
+        traces, results = _read_run(folder)
+        with progress_bar("drawing") as progress:
+            page = write_report(folder, traces, results, progress)
     click.echo(f"pictures: {page}")
 
 

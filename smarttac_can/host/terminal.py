@@ -17,12 +17,17 @@ from typing import Any, Final, Protocol
 
 from smarttac_can.host.background import Background
 
-# A progress bar is shown on a terminal or in a notebook only. On a terminal it goes to stderr,
-# because stdout is for the results.
+# Progress is a bar on a terminal or in a notebook. Elsewhere, as in a log file, it is a few lines,
+# so that a run of minutes is not taken for one that hangs. Both go to stderr, because stdout is for
+# the results.
 
 
 _STEPS: Final = 1000
 _EVERY_S: Final = 0.1
+_LINE_EVERY_S: Final = 10.0
+"""Least time in s before the first line of progress, and between two."""
+_LINE_SHARE: Final = 0.1
+"""Least progress between two lines."""
 _NO_TERMINAL: Final = (OSError, ValueError)
 """Errors of a stream that is gone, closed, or cannot encode the characters."""
 _SHOWN: Final = threading.Lock()
@@ -41,8 +46,9 @@ class _Bar(Protocol):
 def progress_bar(label: str, after: float = 0.0) -> Iterator[Callable[[float], None]]:
     """Show a bar during the block; yields a function to call with the fraction done, 0..1.
 
-    There is no bar without a terminal or notebook, in a worker process, and while another one is
-    shown. If the terminal fails, the bar ends and the block goes on.
+    Without a terminal or notebook a run of more than 10 s prints a line then, and at most ten
+    others. Nothing is shown in a worker process, and while another bar is shown. If the terminal
+    fails, the bar ends and the block goes on.
 
     Parameters
     ----------
@@ -85,8 +91,8 @@ def _bar(label: str) -> _Bar | None:
     if _in_notebook():
         return _NotebookBar(label)
     with suppress(*_NO_TERMINAL):
-        if sys.stderr is not None and sys.stderr.isatty():
-            return _TerminalBar(label)
+        if sys.stderr is not None:
+            return _TerminalBar(label) if sys.stderr.isatty() else _Lines(label)
     return None
 
 
@@ -109,6 +115,28 @@ class _TerminalBar:
 
     def end(self) -> None:
         self._bar.render_finish()
+
+
+class _Lines:
+    """Progress where a bar cannot be drawn anew, such as a file or the pipe of another program."""
+
+    def __init__(self, label: str) -> None:
+        self._label = label
+        self._begun = monotonic()
+        self._next_at, self._next_share = self._begun + _LINE_EVERY_S, 0.0
+
+    def draw(self, share: float) -> None:
+        now = monotonic()
+        if now < self._next_at or share < self._next_share or share >= 1.0:
+            return
+        self._next_at, self._next_share = now + _LINE_EVERY_S, share + _LINE_SHARE
+        passed = now - self._begun
+        left = f", about {passed * (1.0 / share - 1.0):.0f} s left" if share else ""
+        sys.stderr.write(f"{self._label}: {share:.0%} after {passed:.0f} s{left}\n")
+        sys.stderr.flush()
+
+    def end(self) -> None:
+        pass
 
 
 class _NotebookBar:

@@ -4,6 +4,8 @@ import json
 import re
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -150,7 +152,20 @@ def test_a_bus_leaves_its_log(everything: Path) -> None:
     assert " can0 721#00" in first, "the plate's boot-up"
 
 
-def test_report_draws_the_folder_again(everything: Path) -> None:
+@pytest.fixture
+def bars(monkeypatch: pytest.MonkeyPatch) -> dict[str, list[float]]:
+    """Fractions that were shown by each progress bar of a command, by its label."""
+    shown: dict[str, list[float]] = {}
+
+    @contextmanager
+    def bar(label: str) -> Iterator[Callable[[float], None]]:
+        yield shown.setdefault(label, []).append
+
+    monkeypatch.setattr("smarttac_can.cli.experiments.progress_bar", bar)
+    return shown
+
+
+def test_report_draws_the_folder_again(everything: Path, bars: dict[str, list[float]]) -> None:
     page = (everything / "index.html").read_text(encoding="utf-8")
     for figure in ("fig2", "fig3", "fig5", "fig6", "fig7"):
         assert (everything / f"{figure}.png").read_bytes().startswith(b"\x89PNG")
@@ -159,6 +174,7 @@ def test_report_draws_the_folder_again(everything: Path) -> None:
     (everything / "fig5.png").unlink()
     said = succeed("report", everything)
     assert said == f"pictures: {everything / 'index.html'}\n"
+    assert bars == {"drawing": [0.2, 0.4, 0.6, 0.8, 1.0]}
     assert (everything / "index.html").read_text(encoding="utf-8") == page
     assert (everything / "fig5.png").read_bytes() == first
 
@@ -179,9 +195,12 @@ def test_reproduce_with_a_law_and_a_load() -> None:
         ) in text
 
 
-def test_reproduce_animates_the_crossing(tmp_path: Path) -> None:
+def test_reproduce_animates_the_crossing(tmp_path: Path, bars: dict[str, list[float]]) -> None:
     file = tmp_path / "crossing.gif"
     succeed("reproduce", "table1", "--animate", file)
+    assert list(bars) == ["running", "drawing"]
+    assert len(bars["drawing"]) > 20
+    assert bars["drawing"][-1] == 1.0
     with PIL.Image.open(file) as picture:
         assert picture.is_animated
         assert picture.n_frames > 20

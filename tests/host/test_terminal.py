@@ -2,6 +2,7 @@
 
 import fcntl
 import os
+import re
 import sys
 from collections.abc import Iterator
 from io import StringIO
@@ -15,7 +16,7 @@ from smarttac_can.bench import Stimulator
 from smarttac_can.host import terminal as module
 from smarttac_can.host.terminal import LineWriter, progress_bar
 
-# A bar for a person, and nothing for a log file.
+# A bar for a person, and a few lines for a log file.
 
 
 class Terminal(StringIO):
@@ -63,6 +64,32 @@ def test_progress_is_for_a_terminal(
         progress(1.0)
     said = stream.getvalue()
     assert ("soaking" in said and "100%" in said and said.endswith("\n")) if shown else said == ""
+
+
+def test_a_long_run_without_a_terminal_prints_few_lines(
+    monkeypatch: pytest.MonkeyPatch, clock: Clock
+) -> None:
+    monkeypatch.setattr(sys, "stderr", file := StringIO())
+    with progress_bar("campaign") as progress:
+        for tick in range(1, 400):
+            clock.now += 1.0
+            progress(tick / 400)
+        progress(1.0)
+    first, *others = file.getvalue().splitlines()
+    assert re.fullmatch(r"campaign: 2% after 1\d s, about [345]\d\d s left", first)
+    assert 5 <= len(others) <= 10
+    shown = re.compile(r"campaign: \d+% after \d+ s, about \d+ s left")
+    assert all(shown.fullmatch(line) for line in others)
+
+
+def test_progress_of_nothing_yet_has_no_time_left(
+    monkeypatch: pytest.MonkeyPatch, clock: Clock
+) -> None:
+    monkeypatch.setattr(sys, "stderr", file := StringIO())
+    with progress_bar("compiling") as progress:
+        clock.now += 20.0
+        progress(0.0)
+    assert file.getvalue() == "compiling: 0% after 20 s\n"
 
 
 def test_a_process_without_stderr_runs(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -220,7 +220,9 @@ def fig7(traces: Iterable[Trace], law: str) -> Figure:
     return figure
 
 
-def save_crossing(traces: Iterable[Trace], file: Path) -> None:
+def save_crossing(
+    traces: Iterable[Trace], file: Path, progress: Callable[[float], None] = lambda _share: None
+) -> None:
     """Write an animated GIF of a finger that crosses the boundary, and of the COF.
 
     The upper part shows the plate from the side, with the finger, its forces and a wave whose
@@ -232,6 +234,8 @@ def save_crossing(traces: Iterable[Trace], file: Path) -> None:
         Traces, including those of ``table1``.
     file
         Path of the file, with the suffix .gif.
+    progress
+        Function called with the fraction of the frames that are drawn, 0..1.
     """
     part = slice(_MOVING_FROM, _MOVING_FROM + _MOVING_MS)
     trace = find(traces, "table1", _MOVING_SUBJECT)
@@ -260,7 +264,12 @@ def save_crossing(traces: Iterable[Trace], file: Path) -> None:
 
         ticks = range(0, len(x), _FRAME_MS)
         moving = FuncAnimation(figure, draw, ticks, blit=False)
-        moving.save(file, PillowWriter(fps=round(1000 / _FRAME_MS / _SLOWER)), dpi=80)
+        moving.save(
+            file,
+            PillowWriter(fps=round(1000 / _FRAME_MS / _SLOWER)),
+            dpi=80,
+            progress_callback=lambda number, _total: progress((number + 1) / len(ticks)),
+        )
 
 
 def _draw_plate(axes: Axes, lower: float) -> tuple[Line2D, Ellipse, Any]:

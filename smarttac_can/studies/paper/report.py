@@ -25,6 +25,7 @@ from smarttac_can.studies.paper.reproduce import (
     EMERGES,
     RESULTS,
     TRACES,
+    Progress,
     fitted,
     friction_step,
 )
@@ -165,6 +166,7 @@ def write_report(
     directory: Path,
     traces: Iterable[Trace],
     summary: Mapping[str, Any],
+    progress: Progress = lambda _share: None,
 ) -> Path:
     """Write ``fig*.png``, ``fig*.svg`` and the self-contained ``index.html`` into a directory.
 
@@ -174,6 +176,8 @@ def write_report(
         Directory; created if it does not exist. Files of the same names are replaced.
     traces, summary
         Traces of the runs and their `smarttac_can.studies.paper.reproduce.summary`.
+    progress
+        Function called with the fraction of the figures that are drawn, 0..1.
 
     Returns
     -------
@@ -183,7 +187,8 @@ def write_report(
     directory.mkdir(parents=True, exist_ok=True)
     traces = list(traces)
     sections, missing = [], []
-    for name, picture in _pictures(traces, summary["law"]):
+    for number, (name, picture) in enumerate(_pictures(traces, summary["law"]), 1):
+        progress(number / len(CAPTIONS))
         if isinstance(picture, UndefinedError):
             missing.append(f"<p>Fig. {name[3:]}: {escape(str(picture))}.</p>")
             continue
