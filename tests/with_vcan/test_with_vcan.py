@@ -106,17 +106,31 @@ def test_a_pipe_is_not_told_that_something_is_fetched(
     assert re.fullmatch(NOT_FETCHED, done.stderr.decode())
 
 
-def test_terminal_is_told_of_each_download(fresh_machine: dict[bytes, bytes]) -> None:
+def on_terminal(*command: str, env: dict[bytes, bytes] | None = None) -> str:
+    """Run a command with a terminal as stderr, and return what it shows."""
     reader, terminal = os.openpty()
-    command = [sys.executable, WITH_VCAN, "--", "true"]
     with os.fdopen(reader, "rb", buffering=0) as screen:
         with os.fdopen(terminal, "wb") as stderr:
-            subprocess.run(command, stderr=stderr, env=fresh_machine, check=False)
+            subprocess.run(
+                [sys.executable, WITH_VCAN, "--", *command], stderr=stderr, env=env, check=False
+            )
         told = b""
         with suppress(OSError):  # which is how a terminal ends
             while words := screen.read(1 << 12):
                 told += words
-    assert re.fullmatch(FETCHING + NOT_FETCHED, told.decode().replace("\r\n", "\n"))
+    return told.decode().replace("\r\n", "\n")
+
+
+def test_terminal_is_told_of_each_download(fresh_machine: dict[bytes, bytes]) -> None:
+    assert re.fullmatch(FETCHING + NOT_FETCHED, on_terminal("true", env=fresh_machine))
+
+
+@pytest.mark.skipif(Path("/sys/class/net/vcan0").exists(), reason="the host's own buses serve")
+def test_terminal_is_told_that_a_kernel_starts() -> None:
+    assert on_terminal("sleep", "0").endswith(
+        "with-vcan: starting a kernel that has vcan0 and vcan1, some seconds; "
+        "then for at most 600 s: sleep 0\n"
+    )
 
 
 def test_two_buses_and_candump(tmp_path: Path) -> None:
