@@ -6,7 +6,7 @@ Its subcommands break things on purpose: ``faults``, ``sensors``, ``attack`` and
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Final
@@ -51,19 +51,25 @@ from smarttac_can.host.process_signals import endings_interrupt
 from smarttac_can.host.terminal import progress_bar
 
 _NAMES = sorted({case.name for case in CASES})
+_MOST_NEAR: Final = 3
 
 
 def _fault(_ctx: click.Context, _param: click.Parameter, names: tuple[str, ...]) -> tuple[str, ...]:
     for name in names:
         if name not in _NAMES:
-            near = get_close_matches(name, _NAMES)
-            hint = f"perhaps {_quoted(near, ' or ')}" if near else _quoted(_NAMES, ", ")
-            raise click.BadParameter(f"there is no fault {name!r}: {hint}")
+            near = [known for known in _NAMES if name.lower() in known.lower()][:_MOST_NEAR]
+            near = near or get_close_matches(name, _NAMES, _MOST_NEAR)
+            hint = f", perhaps {' or '.join(map(repr, near))}" if near else ""
+            raise click.BadParameter(
+                f"there is no fault {name!r}{hint}: faults --list shows all {len(_NAMES)}"
+            )
     return names
 
 
-def _quoted(names: Iterable[str], separator: str) -> str:
-    return separator.join(map(repr, names))
+def _list_faults(ctx: click.Context, _param: click.Parameter, value: bool) -> None:
+    if value:
+        click.echo("\n".join(_NAMES))
+        ctx.exit()
 
 
 _jobs_option = click.option(
@@ -99,6 +105,14 @@ def main(context: click.Context) -> None:
     callback=_fault,
     metavar="NAME",
     help="Only this fault; may be given again.",
+)
+@click.option(
+    "--list",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_list_faults,
+    help="Show the names of all faults, and end.",
 )
 @click.option(
     "--mode",

@@ -12,6 +12,7 @@ import pytest
 from commands import refusal, run, succeed
 from nodes_on_a_bus import GUARD_S, until
 
+from smarttac_can.assurance.trials.fault_cases import CASES
 from smarttac_can.assurance.trials.fault_matrix import FaultRow
 from smarttac_can.assurance.trials.sensor_sweep import Cell, parse_cell
 from smarttac_can.assurance.trials.soak import ProcessSize
@@ -55,8 +56,9 @@ def test_two_processes_give_the_same_rows(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (("faults", "--fault", "rust"), "there is no fault 'rust': 'NMT pre-operational', '"),
-        (("faults", "--fault", "s3 stuck"), "no fault 's3 stuck': perhaps 'S3 stuck' or '"),
+        (("faults", "--fault", "rust"), "there is no fault 'rust': faults --list shows all "),
+        (("faults", "--fault", "s3 stuck"), "no fault 's3 stuck', perhaps 'S3 stuck': faults --li"),
+        (("faults", "--fault", "S3 stick"), "no fault 'S3 stick', perhaps 'S3 stuck' or '"),
         (
             ("faults", "--fault", "resonance out of reach", "--mode", "open_loop"),
             "fault 'resonance out of reach' is not injected in mode open_loop",
@@ -73,7 +75,14 @@ def test_two_processes_give_the_same_rows(tmp_path: Path) -> None:
     ],
 )
 def test_wrong_options_are_refused(arguments: tuple[str, ...], complaint: str) -> None:
-    assert complaint in refusal(*arguments, code=2)
+    line = refusal(*arguments, code=2)
+    assert complaint in line
+    assert len(line) < 200
+
+
+def test_faults_are_listed_by_name_without_a_run() -> None:
+    names = succeed("faults", "--list").splitlines()
+    assert names == sorted({case.name for case in CASES})
 
 
 def test_old_files_stay_when_a_run_fails(tmp_path: Path) -> None:
