@@ -54,7 +54,8 @@ class Calibration(NamedTuple):
     scale: float
     """Sum of S3 to S6, as a fraction of the weights' normal force."""
     residuals: Floats
-    """Shape (n, 4): Fx, Fy and Fn in N and x in mm, fitted minus actual; NaN if not determined."""
+    """Shape (n, 4): Fx, Fy and Fn in N and x in mm, fitted minus actual; NaN if not determined, or
+    0 by construction as the fit has as many unknowns as weighings."""
     heaviest: float
     """Heaviest weight in N."""
 
@@ -100,10 +101,14 @@ class Calibration(NamedTuple):
         if not level.all():
             lateral, uncertainty = _fit_lateral(gauges[~level, :2], loads[~level, :2])
             residuals[:, :2] = gauges[:, :2] @ np.reshape(lateral, (2, 2)).T - loads[:, :2]
+            if uncertainty is None:
+                residuals[~level, :2] = np.nan
         if level.any():
             moments = loads[level, 2] * x_mm[level]
-            positions = _fit_positions(gauges[level, 2:], moments, positions_mm)
-            residuals[level, 3] = (gauges[level, 2:] @ positions) / loads[level, 2] - x_mm[level]
+            positions, spare = _fit_positions(gauges[level, 2:], moments, positions_mm)
+            if spare:
+                shown = (gauges[level, 2:] @ positions) / loads[level, 2]
+                residuals[level, 3] = shown - x_mm[level]
         return cls(
             lateral=lateral,
             lateral_uncertainty=uncertainty,
@@ -137,6 +142,20 @@ class Calibration(NamedTuple):
                 "a gauge of the wrong polarity or gain, and no object corrects it"
             )
         return reasons
+
+    def unchecked(self) -> list[str]:
+        """Return what no weighing can contradict, a line for each; empty if all is checked."""
+        lines = []
+        if self.lateral is not None and self.lateral_uncertainty is None:
+            lines.append(
+                "the lateral matrix is unchecked: it fits any two tilted weighings, so add a third"
+            )
+        if self.positions_mm is not None and np.isnan(self.rms[3]):
+            lines.append(
+                "the positions are unchecked: they fit so few level weighings in any case, so add "
+                "one at another x_mm"
+            )
+        return lines
 
     @property
     def gauges(self) -> Gauges | None:
@@ -221,6 +240,7 @@ class Calibration(NamedTuple):
                 for row in self.residuals
             ],
             "shortcomings": self.shortcomings(),
+            "unchecked": self.unchecked(),
         }
 
 
@@ -292,10 +312,13 @@ def _fit_lateral(
     return tuple(float(value) for value in solution.T.ravel()), uncertainty
 
 
-def _fit_positions(gauges: Floats, moments: Floats, before: Sequence[float]) -> tuple[float, ...]:
+def _fit_positions(
+    gauges: Floats, moments: Floats, before: Sequence[float]
+) -> tuple[tuple[float, ...], int]:
+    """Return the positions, and how many weighings there are more than they need."""
     present = np.array(before, dtype=np.float64)
-    change = np.linalg.lstsq(gauges, moments - gauges @ present, rcond=1e-2)[0]
-    return tuple(float(value) for value in present + change)
+    change, _, rank, _ = np.linalg.lstsq(gauges, moments - gauges @ present, rcond=1e-2)
+    return tuple(float(value) for value in present + change), len(gauges) - int(rank)
 
 
 def weigh(stimulator: Stimulator, placing: Placing, do: Callable[[Placing], object]) -> Weighing:

@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from functools import partial
 from importlib.util import find_spec
 from ipaddress import IPv6Address, ip_address
-from math import isfinite
+from math import inf, isfinite
 from pathlib import Path
 from secrets import token_urlsafe
 from socket import AI_PASSIVE, SOCK_STREAM, getaddrinfo
@@ -46,6 +46,7 @@ from smarttac_can.cli.shared import (
     StimulatorChoice,
     closing_network,
     force_option,
+    in_steps,
     json_options,
     lockstep_option,
     naming,
@@ -363,13 +364,31 @@ def _verdict(checks: list[Check], failed: list[Check]) -> str:
     return f"FAILED: {len(failed)} of {len(checks)} checks: {names}"
 
 
+_OF_LIMITS: Final = 0.01
+"""Step in which the value of a check is shown, as a fraction of what its limits leave open."""
+
+
 def _check_line(check: Check) -> str:
     verdict = "ok    " if check.passed else "FAILED"
     if check.value is None:
         return one_line(f"{verdict}  {check.name}: {in_shell_words(check.text)}")
     low, high = (f"{bound:g}" if isfinite(bound) else "" for bound in (check.low, check.high))
     limits = low if low == high else f"{low}..{high}"
-    return f"{verdict}  {check.name:<28} {check.value:>10.6g} {check.unit:<5} ({limits})"
+    return f"{verdict}  {check.name:<28} {_digits(check):>10} {check.unit:<5} ({limits})"
+
+
+def _digits(check: Check) -> str:
+    """Return the value of a check in hundredths of what its limits allow, or in more decimals.
+
+    What failed is shown outside its limits.
+    """
+    assert check.value is not None
+    step = _OF_LIMITS * (check.high - check.low)
+    if not 0.0 < step < inf:
+        return f"{check.value:g}"
+    while check._replace(value=float(text := in_steps(check.value, step))).passed > check.passed:
+        step *= 0.1
+    return text
 
 
 _LEVEL: Final = Placing(0.0, 0.0, 0.0, 0.0)
@@ -496,11 +515,16 @@ def _ask(what: str) -> None:
 def _show(calibration: Calibration, temperature: float) -> None:
     od = stimulator_od()
     for name, value in calibration.objects().items():
-        click.echo(f"{name}: {value:.4f} {od[name].unit.symbol}".rstrip())
-    names = (("Fx", "N"), ("Fy", "N"), ("Fn", "N"), ("x", "mm"))
-    for (name, unit), rms in zip(names, calibration.rms, strict=True):
+        unit = od[name].unit
+        click.echo(f"{name}: {in_steps(value, float(unit.number))} {unit.symbol}".rstrip())
+    *forces, position = calibration.rms
+    for name, rms in zip(("Fx", "Fy", "Fn"), forces, strict=True):
         if not np.isnan(rms):
-            click.echo(f"residual of {name}: {rms:.4f} {unit} rms")
+            click.echo(f"residual of {name}: {1e3 * rms:.1f} mN rms")
+    if not np.isnan(position):
+        click.echo(f"residual of x: {position:.3f} mm rms")
+    for line in calibration.unchecked():
+        click.echo(line)
     click.echo(f"S3 to S6 show {calibration.scale:.4f} of the weights")
     for row in calibration.budget(temperature):
         click.echo(

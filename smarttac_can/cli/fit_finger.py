@@ -23,6 +23,7 @@ from smarttac_can.bench.lab_csv import (
 from smarttac_can.cli.shared import (
     OLD_FILE,
     FiniteRange,
+    in_steps,
     json_options,
     reporting,
     warn_without_numba,
@@ -36,6 +37,10 @@ from smarttac_can.science.population.fingers import F0
 
 _MM: Final = 1e-3
 _UM_IN_MM: Final = 1e-3
+_OF_LIMITS: Final = 0.1
+"""Step in which a number is shown, as a fraction of what its limits leave open."""
+_FINEST: Final = 1e-4
+"""Finest step, as a fraction of the number; a recording without noise has no limits to speak of."""
 _BY_GAUGES: Final = "position_mm"
 """Column of a trace whose position is that of the gauges."""
 
@@ -211,7 +216,9 @@ def lines(fit: FingerFit) -> list[str]:
         factor, unit = _SHOWN.get(name, (1.0, ""))
         if estimate.told:
             value, low, high = (factor * number for number in estimate[:3])
-            shown.append(f"{name:<18} {value:>9.4g}  {low:.4g} .. {high:.4g} {unit}".rstrip())
+            step = max(_OF_LIMITS * (high - low), _FINEST * abs(value)) or 1.0
+            least, most, found = (in_steps(number, step) for number in (low, high, value))
+            shown.append(f"{name:<18} {found:>9}  {least} .. {most} {unit}".rstrip())
         else:
             shown.append(f"{name:<18} {'not told':>9}  {estimate.reason}")
     shown.append(

@@ -10,7 +10,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager, suppress
 from enum import IntEnum
 from functools import cache, reduce, wraps
-from math import isfinite
+from math import floor, isfinite, log10
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final, NamedTuple, TextIO
@@ -107,6 +107,19 @@ def warn_without_numba(besides: str = "") -> None:
             "pip install 'smarttac-can[campaign]'",
             err=True,
         )
+
+
+def in_steps(value: float, step: float) -> str:
+    """Return a number with as many decimals as a step of it has: 32.2 for 32.2034 and 0.2.
+
+    Parameters
+    ----------
+    value
+        Number.
+    step
+        Step above 0 below which a difference has no meaning, such as a resolution.
+    """
+    return f"{value:.{max(0, -floor(log10(step)))}f}"
 
 
 def one_line(text: object) -> str:

@@ -109,6 +109,20 @@ def test_a_gauge_of_another_gain(gauge: int, factor: float, complaint: str | Non
     assert any(line.startswith(complaint) for line in said) if complaint else said == []
 
 
+def test_residuals_of_as_many_weighings_as_unknowns_are_unknown() -> None:
+    rng = np.random.default_rng(1)
+    few = fitted([*PLAN[:2], *PLAN[5:7]], rng)
+    assert np.isnan(few.residuals[:2, :2]).all()
+    assert np.isnan(few.rms[3])
+    assert [line.partition(" is ")[0].partition(" are ")[0] for line in few.unchecked()] == [
+        "the lateral matrix",
+        "the positions",
+    ]
+    one_more = fitted([*PLAN[:3], *PLAN[5:8]], rng)
+    assert one_more.unchecked() == []
+    assert all(rms > 1e-5 for rms in one_more.rms)
+
+
 def test_a_wrong_weight_is_left_over() -> None:
     weighings = [weighing(placing) for placing in PLAN]
     heavier = weighing(PLAN[0]._replace(mass_g=250.0))

@@ -5,6 +5,7 @@ import itertools
 import json
 import os
 import pty
+import re
 import select
 import signal
 import struct
@@ -33,7 +34,9 @@ from nodes_on_a_bus import (
 )
 
 from smarttac_can.bench import BenchError, Mode, Placing, State, Stimulator, read_plan
+from smarttac_can.bench.self_test import Check
 from smarttac_can.canopen.commissioning.node_ids import wait_until
+from smarttac_can.cli.bench import _check_line
 from smarttac_can.instrument.nodes.stimulator_node import StimulatorNode
 from smarttac_can.vocabulary.faults import FaultKind
 from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
@@ -386,7 +389,7 @@ def test_a_sound_plate_and_a_broken_one(multicast: dict[str, Any], tmp_path: Pat
         broken = selftest(multicast, "--lockstep", "--json", "-")
     assert (sound.returncode, sound.stdout) == (0, "passed: 36 checks\n")
     assert sound.stderr.splitlines()[0] == (
-        "ok      timing.lost rows                      0 %     (0..5)"
+        "ok      timing.lost rows                   0.00 %     (0..5)"
     )
     results = json.loads(path.read_text())
     assert results["passed"] is True
@@ -425,6 +428,10 @@ PLAN = """mass_g,angle_deg,azimuth_deg,x_mm
 300,0,0,-20
 300,0,0,20
 """
+CHECKED_PLAN = f"""{PLAN}300,0,0,0
+200,30,180,0
+"""
+"""It has more weighings than the fit has unknowns."""
 
 
 class Laboratory:
@@ -488,7 +495,10 @@ def test_a_plate_is_calibrated_and_has_its_nulls(laboratory: Laboratory, tmp_pat
     )
     assert "S3 to S6 show" in result.stdout
     assert "Calibration.Position of S3: -2" in result.stdout
-    assert result.stdout.splitlines()[4].endswith(" um")
+    assert re.fullmatch(r"Calibration.Position of S3: -2\d{4} um", result.stdout.splitlines()[4])
+    assert "the lateral matrix is unchecked" in result.stdout
+    assert "the positions are unchecked" in result.stdout
+    assert "residual of x" not in result.stdout
 
 
 def test_a_calibration_is_rehearsed_without_a_person(
@@ -507,6 +517,23 @@ def test_a_calibration_is_rehearsed_without_a_person(
     certificate = json.loads((tmp_path / "plate.json").read_text())
     assert certificate["written"]["Calibration.Fx from S2"] == pytest.approx(-0.0392, abs=0.005)
     assert certificate["written"]["Gauge null.Null of S3"] == pytest.approx(-1045.7, abs=3.0)
+
+
+def test_rehearsal_with_more_weighings_than_unknowns_has_a_residual(
+    multicast: dict[str, Any], tmp_path: Path
+) -> None:
+    (tmp_path / "plan.csv").write_text(CHECKED_PLAN)
+    options = (*multicast_options(multicast), "--plate-node", "33", "--lockstep")
+    with processes(multicast, "node --lockstep --plate-node 33", "plate --lockstep"):
+        result = calibrate(tmp_path, *options, "--rehearse")
+    assert result.exit_code == 0, result.output
+    calibration = json.loads((tmp_path / "plate.json").read_text())["calibration"]
+    assert calibration["unchecked"] == []
+    assert 0.0 < calibration["residual_rms"]["Fx_N"] < 0.01
+    assert 0.0 < calibration["residual_rms"]["x_mm"] < 1.0
+    assert re.search(r"^residual of Fx: \d\.\d mN rms$", result.stdout, re.MULTILINE)
+    assert re.search(r"^residual of x: 0\.\d{3} mm rms$", result.stdout, re.MULTILINE)
+    assert "unchecked" not in result.stdout
 
 
 def test_without_write_nothing_changes(laboratory: Laboratory, tmp_path: Path) -> None:
@@ -561,6 +588,21 @@ def test_calibrate_refuses_tilts_in_one_direction_at_once(
     )
     assert laboratory.asked == []
     assert not (tmp_path / "plate.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("check", "shown"),
+    [
+        (Check("timing.missed ticks", 32.2034, "%", 0.0, 20.0), "32.2"),
+        (Check("null.W_d", -0.0640625, "nm", -5.0, 5.0), "-0.1"),
+        (Check("sweep.resonance", 43389.6, "Hz", 43329.9, 43449.9), "43390"),
+        (Check("timing.foreign ticks", 3.0, "", 0.0, 0.0), "3"),
+        # 5.0 would not tell why it failed.
+        (Check("noise.W_d", 5.0013, "nm", 0.05, 5.0), "5.001"),
+    ],
+)
+def test_selftest_shows_the_digits_that_its_limits_deserve(check: Check, shown: str) -> None:
+    assert f" {shown} " in _check_line(check)
 
 
 def test_selftest_command_is_refused_while_another_bench_drives(

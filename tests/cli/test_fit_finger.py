@@ -54,8 +54,8 @@ def test_columns_of_a_trace_are_the_defaults(tmp_path: Path, given: list[FingerR
     assert recording.amplitude.tolist() == pytest.approx([1.5e-6])
     assert recording.position_by_gauges
     assert shown.splitlines()[1:] == [
-        "mu0                    0.445  0.44 .. 0.45",
-        "W0                       2.3  2.2 .. 2.4 um",
+        "mu0                    0.445  0.440 .. 0.450",
+        "W0                      2.30  2.20 .. 2.40 um",
         "skin_mass           not told  told by the acceleration of the skin",
         "11000 ms compared, as good as 5000 independent ones; 4.3 mN are left",
     ]

@@ -7,6 +7,7 @@ Needs matplotlib (extra ``report``); draws without a window and without the stat
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +57,8 @@ CURVES: dict[str, dict[str, Any]] = {
     "mean": {"linestyle": "-", "color": "black", "linewidth": 2.2},
 }
 """Line styles of Fig. 7."""
+_IN_LEGEND: dict[str, dict[str, Any]] = {"touches": {"linewidth": 1.5, "alpha": 1.0}}
+"""What differs in the legend: one touch alone is too thin to be seen."""
 _MOVING_SUBJECT, _MOVING_FROM, _MOVING_MS, _FRAME_MS = 3, 2000, 960, 10
 """Subject of the animation, its first tick, its length and the time between frames in ms."""
 _UNTIL_MS = 20
@@ -137,19 +140,19 @@ def fig5(traces: Iterable[Trace]) -> Figure:
         axes = figure.subplots()
         axes.axhspan(low, high, color=BAND, zorder=0)
         axes.text(_UNTIL_MS, high, "±5 % ", ha="right", va="bottom", color=PALE)
-        for row, (loops, (colour, marker, line, name)) in enumerate(RUNS.items()):
+        entries = []
+        for loops, (colour, marker, line, name) in RUNS.items():
             trace = find(traces, f"fig5.{loops}")
             amplitude = from_switch_on(trace, trace.amplitude_um)
             _plot_run(axes, amplitude, colour, marker, line, name, drawstyle="default")
-            try:
-                entry = response_time(amplitude, AMPLITUDE_UM)
-            except UndefinedError:
-                continue
-            axes.plot([entry] * 2, [0, low], ":", color=colour, lw=1.6)
-            paper = published(f"fig5.{loops}.response_time_ms")
-            note = f" {entry:.1f} ms{paper}"
-            text = axes.text(entry, 0.04 + 0.09 * row, note, color=colour, weight="bold")
-            text.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 1})
+            with suppress(UndefinedError):
+                paper = published(f"fig5.{loops}.response_time_ms")
+                entries.append((response_time(amplitude, AMPLITUDE_UM), paper, colour))
+        # Each line ends at its note, so that the note of an earlier line below lies over none.
+        for row, (entry, paper, colour) in enumerate(sorted(entries)):
+            height = 0.04 + 0.09 * row
+            axes.plot([entry] * 2, [height, low], ":", color=colour, lw=1.6)
+            axes.text(entry, height, f" {entry:.1f} ms{paper}", color=colour, weight="bold")
         axes.set(xlim=(0, _UNTIL_MS), xticks=range(0, _UNTIL_MS + 1, 2))
         axes.set(title="Amplitude after switch-on, 140 Hz off (simulated)")
         axes.set_ylim(0, max(1.15, axes.get_ylim()[1]))
@@ -215,7 +218,9 @@ def fig7(traces: Iterable[Trace], law: str) -> Figure:
             _draw_subject(pair, subject, [align_at_switch([trace], up=up) for up in (True, False)])
         for axes in panels[len(subjects) :].flat:
             axes.remove()
-        lines = [Line2D([], [], **style) for style in CURVES.values()]
+        lines = [
+            Line2D([], [], **style | _IN_LEGEND.get(name, {})) for name, style in CURVES.items()
+        ]
         figure.legend(lines, list(CURVES), loc="outside lower right", ncols=len(CURVES))
     return figure
 

@@ -75,6 +75,24 @@ def test_fig5_starts_at_switch_on_and_marks_the_response_times(traces):
     assert "5.1 ms (paper 5)" in words(axes)
 
 
+@pytest.mark.parametrize("swapped", [False, True])
+def test_fig5_notes_lie_over_no_line(traces, swapped):
+    if swapped:
+        slow = vibration("amplitude_and_frequency", 1.6, 26.0, 43_250.0)
+        traces = [vibration("amplitude_only", 0.7, 20.0, 43_390.0), slow]
+    figure = drawn(figures.fig5(traces))
+    figure.canvas.draw()
+    (axes,) = figure.axes
+    dotted = [line for line in axes.lines if line.get_linestyle() == ":"]
+    notes = [text for text in axes.texts if " ms" in text.get_text()]
+    assert len(dotted) == len(notes) == 2
+    for note in notes:
+        box = note.get_window_extent().transformed(axes.transData.inverted())
+        for line in dotted:
+            (x, _), (bottom, _) = line.get_data()
+            assert not (box.x0 < x < box.x1 and bottom < box.y1)
+
+
 def test_fig5_marks_no_response_time_that_does_not_exist():
     slow = [vibration("amplitude_only", 40, 26.0, 43_250.0)]
     fast = [vibration("amplitude_and_frequency", 0.7, 20.0, 43_390.0)]
@@ -105,6 +123,14 @@ def test_fig7_has_touches_mean_and_reference_in_both_directions(traces):
     assert "ms (paper 3.41)\n" in up
     assert "% (paper 44.4)\n" in up
     assert "paper" not in down, "Table I is of the up-steps"
+
+
+def test_fig7_legend_shows_each_kind_of_line(traces):
+    """A touch in a panel is thin and pale, as many of them lie over each other."""
+    (legend,) = drawn(figures.fig7(traces, "measured")).legends
+    for line in legend.get_lines():
+        assert line.get_linewidth() >= 1.5
+        assert line.get_alpha() in (None, 1.0)
 
 
 def test_fig7_names_its_law_and_its_rows_align(traces):
