@@ -9,6 +9,7 @@ from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
 from shutil import copy
+from types import SimpleNamespace
 from typing import Any
 
 import canopen
@@ -216,9 +217,51 @@ def test_a_master_of_python_canopen_leaves_the_plate_at_0_V(
 ) -> None:
     node, _ = master_page
     (shown,) = re.findall(r"It prints:\n\n```\n(.*?)```", MASTER.read_text("utf-8"), re.DOTALL)
-    assert near(capsys.readouterr().out) == near(shown)
+    *printed, remapped = capsys.readouterr().out.splitlines()
+    assert near("\n".join(map(str.rstrip, printed)) + "\n") == near(shown)
+    assert remapped == "['Contact.COF uncertainty [0.0001]', 'Contact.Force x [mN]']"
     assert node.block.supervisor.state is State.READY
     assert node.od["Consumer heartbeat time.Consumer heartbeat time 1"].value == 0
+
+
+def test_the_page_of_the_mapping_has_the_answer_to_each_wrong_step() -> None:
+    page = (ROOT / "docs" / "reference" / "pdos-and-states.md").read_text("utf-8")
+    table = page.partition("The answer to a wrong step is")[2].partition("After a refusal")[0]
+    shown = re.findall(r"^\| .* \| ([0-9A-F]{8})h \|$", table, re.MULTILINE)
+    node = stimulator_with_plate(lockstep=False)
+    node.start()
+
+    def write(index: int, subindex: int, value: int, size: int) -> str | None:
+        head = bytes((0x23 | 4 - size << 2, index & 0xFF, index >> 8, subindex))
+        data = head + value.to_bytes(4, "little")
+        (answer,) = (f for f in node.receive(Frame(0x620, data)) if f.can_id == 0x5A0)
+        code = int.from_bytes(answer.data[4:], "little")
+        return f"{code:08X}" if answer.data[0] == 0x80 else None
+
+    answers = [write(0x1A03, 0, 0, 1), write(0x1A03, 1, 0x20300410, 4)]
+    assert write(0x1803, 1, 0x8000_04A0, 4) is None
+    assert write(0x1A03, 0, 0, 1) is None
+    answers += [write(0x1A03, 1, 0x77770010, 4), write(0x1A03, 1, 0x10000020, 4)]
+    assert write(0x1A03, 1, 0x20300408, 4) == answers[-1]
+    for place in range(1, 6):
+        assert write(0x1A03, place, 0x20300410, 4) is None
+    answers += [write(0x1A03, 0, 5, 1), write(0x1A03, 0, 9, 1)]
+    assert answers == shown
+
+
+def test_a_refusal_is_told_in_words_by_the_master_of_the_page(
+    master_page: tuple[StimulatorNode, dict[str, Any]],
+    request: pytest.FixtureRequest,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(canopen.Network, "send_periodic", lambda *_: SimpleNamespace(stop=print))
+    capsys.readouterr()
+    run(MASTER, {}, request)
+    said = capsys.readouterr().out
+    assert said.startswith("Code 0x08000022, ")
+    assert "\nready: " in said
+    assert master_page[0].block.supervisor.state is State.READY
 
 
 def test_a_master_of_python_canopen_resets_a_fault(
@@ -267,6 +310,6 @@ def test_the_master_of_the_page_goes_on_where_it_was_killed(
         network.disconnect()
     capsys.readouterr()
     run(MASTER, {}, request)
-    (first,) = re.findall(r"first prints:\n\n```\n(.*?)```", MASTER.read_text("utf-8"), re.DOTALL)
+    (first,) = re.findall(r"heartbeat that is back:\n\n```\n(.*?)```", MASTER.read_text("utf-8"), re.DOTALL)
     assert capsys.readouterr().out.startswith(first)
     assert node.block.supervisor.state is State.READY
