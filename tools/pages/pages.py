@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from difflib import unified_diff
 from pathlib import Path
@@ -40,10 +41,11 @@ def differences(pages: Pages) -> list[str]:
 
 
 def write(pages: Pages) -> None:
-    """Write all pages anew."""
+    """Write all pages anew, and say where they are."""
     for path, text in pages.items():
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
+        print(f"written: {path}", file=sys.stderr)
 
 
 def made(text: str | None, pages: Callable[..., Pages], seed: int | None = None) -> int:
@@ -68,6 +70,7 @@ def made(text: str | None, pages: Callable[..., Pages], seed: int | None = None)
     if seed is not None:
         parser.add_argument("--seed", type=int, default=seed, help="of what is drawn")
     options = vars(parser.parse_args())
+    print(f"{parser.prog}: {(text or '').splitlines()[0]}", file=sys.stderr, flush=True)
     if options.pop("check"):
         stale = differences(pages(False, **options))
         print("\n".join(stale), end="\n" if stale else "")
