@@ -310,6 +310,8 @@ def test_the_master_of_the_page_goes_on_where_it_was_killed(
         network.disconnect()
     capsys.readouterr()
     run(MASTER, {}, request)
-    (first,) = re.findall(r"heartbeat that is back:\n\n```\n(.*?)```", MASTER.read_text("utf-8"), re.DOTALL)
+    (first,) = re.findall(
+        r"heartbeat that is back:\n\n```\n(.*?)```", MASTER.read_text("utf-8"), re.DOTALL
+    )
     assert capsys.readouterr().out.startswith(first)
     assert node.block.supervisor.state is State.READY
