@@ -22,6 +22,14 @@ _QUESTIONS: Final = 133
 """Questions of a fastscan that finds a device: the first, and 33 for each part of its identity."""
 _LATE_S: Final = 1.0
 """Time in s to listen for an answer that comes too late, to tell it from none."""
+_TOO_LATE: Final = (
+    f"a device without node-ID answers fastscan later than the {_FASTSCAN_S:g} s that it may take: "
+    "give the device's identity, which waits for the time-out"
+)
+_NO_ANSWER: Final = (
+    "no device without node-ID answers fastscan; one that has a node-ID already takes another by "
+    "its identity"
+)
 _MOST_UNCONFIGURED: Final = 127
 _POLL_S: Final = 0.01
 ASKS_DEVICE_TYPE: Final = bytes((0x40, cia.DEVICE_TYPE & 0xFF, cia.DEVICE_TYPE >> 8, 0, 0, 0, 0, 0))
@@ -109,13 +117,7 @@ def assign_node_id(
             with _counted(network, progress):
                 identity = _fast_scan(network)
             if identity is None:
-                raise NodeNotFoundError(
-                    f"a device without node-ID answers fastscan later than the {_FASTSCAN_S:g} s "
-                    "that it may take: give the device's identity, which waits for the time-out"
-                    if answers.late(since=0)
-                    else "no device without node-ID answers fastscan; one that has a node-ID "
-                    "already takes another by its identity"
-                )
+                raise NodeNotFoundError(_TOO_LATE if answers.late(since=0) else _NO_ANSWER)
         else:
             _select(network, identity, timeout, answers)
         master.RESPONSE_TIMEOUT = timeout
