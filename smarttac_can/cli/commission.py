@@ -114,8 +114,8 @@ def scan(
         texts = {name: read_eds(name) for name in PACKAGED}
         texts |= {str(path): read_eds_file(path) for path in eds_files}
         known = {name: _load(name, text) for name, text in texts.items()}
-        with closing_network(bus) as network:
-            found = scan_bus(network, known, timeout)
+        with closing_network(bus) as network, progress_bar("fastscan", _LONG_S) as progress:
+            found = scan_bus(network, known, timeout, progress)
         lines = _lines(found) if found else []
         write_results([_row(device) for device in found], lines)
     if not found:

@@ -380,6 +380,14 @@ def test_lss_shows_the_progress_of_fastscan(bars: list[tuple[str, list[float]]])
     assert shares == sorted(shares)
 
 
+def test_scan_shows_the_progress_of_fastscan(bars: list[tuple[str, list[float]]]) -> None:
+    with running("scan-bar", rich(255)) as bus:
+        succeed("scan", *bus)
+    ((label, shares),) = bars
+    assert label == "fastscan"
+    assert 1.0 in shares
+
+
 def test_eds_commands_show_the_progress_of_reading_and_writing(
     bars: list[tuple[str, list[float]]], tmp_path: Path
 ) -> None:

@@ -59,14 +59,24 @@ class Assigned(NamedTuple):
     """Whether the boot-up message with the new node-ID was received."""
 
 
-def unconfigured(network: canopen.Network) -> Iterator[Identity]:
+def unconfigured(
+    network: canopen.Network, progress: Callable[[float], None] = lambda _share: None
+) -> Iterator[Identity]:
     """Find devices without node-ID, one after the other, by fastscan.
 
     A device that was found does not answer until the scan has ended.
+
+    Parameters
+    ----------
+    network
+        Connected network of python-canopen.
+    progress
+        Function called with the fraction of the search for each device that is done, 0..1.
     """
     with _waiting_afterwards(network):
         for _ in range(_MOST_UNCONFIGURED):
-            identity = _fast_scan(network)
+            with _counted(network, progress):
+                identity = _fast_scan(network)
             if identity is None:
                 return
             yield identity

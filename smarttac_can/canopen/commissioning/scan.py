@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from time import sleep
 from typing import Final, NamedTuple
 
@@ -47,7 +47,10 @@ class FoundDevice(NamedTuple):
 
 
 def scan(
-    network: canopen.Network, eds_files: Mapping[str, ObjectDictionary], timeout: float
+    network: canopen.Network,
+    eds_files: Mapping[str, ObjectDictionary],
+    timeout: float,
+    progress: Callable[[float], None] = lambda _share: None,
 ) -> list[FoundDevice]:
     """Find all devices: with an answer to SDO, with a heartbeat, or without node-ID.
 
@@ -59,6 +62,8 @@ def scan(
         Object dictionaries of EDS files to compare with, by name.
     timeout
         Time in s to listen, and longest wait for each answer.
+    progress
+        Function called with the fraction of the fastscan for a device that is done, 0..1.
 
     Raises
     ------
@@ -95,7 +100,7 @@ def scan(
         _wait_for_state(network, client, node_id, states, timeout)
         state = states.get(node_id, UNKNOWN)
         found.append(device._replace(state=state, doubled=node_id in doubled))
-    for identity in unconfigured(network):
+    for identity in unconfigured(network, progress):
         found.append(
             FoundDevice(None, UNCONFIGURED, "", identity, matching_eds(identity, eds_files.items()))
         )
