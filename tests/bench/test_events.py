@@ -86,11 +86,11 @@ def test_a_time_that_is_none_is_refused(seconds: Any) -> None:
 def test_events_come_in_the_block_only() -> None:
     with Stimulator.simulate("local") as bench:
         events = bench.events()
-        with pytest.raises(BenchError, match="in a block only"):
+        with pytest.raises(BenchError, match="events come only inside a with block"):
             events.within(1)
         with events:
             bench.disarm()
-        with pytest.raises(BenchError, match="in a block only"):
+        with pytest.raises(BenchError, match="events come only inside a with block"):
             events.within(1)
 
 
