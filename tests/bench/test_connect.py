@@ -232,7 +232,7 @@ def test_a_cycle_that_the_event_timer_repeats_is_recorded_once(virtual: dict[str
     calls = count(1)
 
     def pause_s() -> float:
-        return 0.12 if next(calls) % 100 == 0 else 0.0
+        return 0.12 if next(calls) % 25 == 0 else 0.0
 
     node = stimulator_with_plate(lockstep=False)
     with (
