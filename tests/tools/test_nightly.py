@@ -1,6 +1,7 @@
 """``tools/nightly`` runs the rows of the page, and writes how they ended."""
 
 import runpy
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -39,6 +40,14 @@ def test_a_failure_is_on_the_page_and_in_the_exit_code(
     assert tool.PAGE.read_text().splitlines()[2:] == [GOOD, BAD]
 
 
+def test_row_may_be_a_shell_script(tool: ModuleType, call: Callable[..., int]) -> None:
+    script = tool.ROOT / "good"
+    script.write_text("#!/usr/bin/env bash\necho 'all | well'\n")
+    script.chmod(0o755)
+    assert call(tool, "good") == 0
+    assert tool.PAGE.read_text().splitlines()[2] == GOOD
+
+
 def test_output_of_a_run_is_printed(
     tool: ModuleType, capsys: pytest.CaptureFixture[str], call: Callable[..., int]
 ) -> None:
@@ -68,7 +77,11 @@ ROWS = runpy.run_path(str(TOOL))["rows"]()
 
 @pytest.mark.parametrize("name", ROWS)
 def test_every_command_takes_its_options(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    _, *command = runpy.run_path(str(TOOL))["command_of"](ROWS[name])
+    whole = runpy.run_path(str(TOOL))["command_of"](ROWS[name])
+    if whole[0] != sys.executable:
+        subprocess.run([*whole, "--help"], check=True, capture_output=True)
+        return
+    command = whole[1:]
     if command[:2] == ["-m", "pytest"]:
         assert pytest.main([*command[2:], "--version"]) == 0
         return
