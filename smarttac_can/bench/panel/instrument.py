@@ -24,6 +24,7 @@ from smarttac_can.bench.panel.recorder import Recorder
 from smarttac_can.bench.panel.textures import drawn, with_warnings
 from smarttac_can.bench.simulation import open_guided_link
 from smarttac_can.bench.watch.commands import Operator, answered, in_words, obey
+from smarttac_can.bench.watch.extremes import Extremes
 from smarttac_can.bench.watch.listener import Listener
 from smarttac_can.bench.watch.watcher import (
     PUBLISHED,
@@ -32,7 +33,6 @@ from smarttac_can.bench.watch.watcher import (
     Emergency,
     View,
     Watcher,
-    unit_factor,
     view_of,
 )
 from smarttac_can.bench.watch.wording import identification
@@ -74,8 +74,6 @@ _TEXTURES: Final = ((10.0, 0.2, 0.35, "square"), (20.0, 0.2, 0.35, "sine"))
 _STROKE_WORDS: Final = 3
 _EMERGENCIES: Final = 6
 SLOTS: Final = tuple(range(1, len(TABLE_NAMES) + 1))
-_STEPS: Final = 200
-"""Steps of which the extremes are kept: those of 2 s at least."""
 _DONE: Final = {
     "hand": "the mouse is the finger",
     "stroke": "the finger strokes by itself",
@@ -143,28 +141,6 @@ class Lease:
             return expired
 
 
-class Extremes:
-    """Least and greatest value of objects between two looks, in steps of the instrument."""
-
-    def __init__(self) -> None:
-        self._steps: deque[tuple[float, Mapping[str, tuple[float, float]]]] = deque(maxlen=_STEPS)
-
-    def add(self, at: float, step: Mapping[str, tuple[float, float]]) -> None:
-        """Add the extremes of a step that began at a time in s."""
-        self._steps.append((at, step))
-
-    def since(self, time: float) -> dict[str, tuple[float, float]]:
-        """Return the extremes of the steps that began after a time in s; safe in any thread."""
-        merged: dict[str, tuple[float, float]] = {}
-        for at, step in reversed(self._steps.copy()):
-            if at <= time:
-                break
-            for name, (low, high) in step.items():
-                known = merged.get(name, (low, high))
-                merged[name] = min(low, known[0]), max(high, known[1])
-        return merged
-
-
 class Seen(NamedTuple):
     """State of an instrument at one instant."""
 
@@ -190,6 +166,8 @@ class Instrument(Background, ABC):
         Longest time between two steps in s.
     records
         Folder for the recordings of pages; None if they record nothing.
+    extremes
+        Least and greatest values, in steps that `step` ends.
 
     Attributes
     ----------
@@ -203,8 +181,6 @@ class Instrument(Background, ABC):
         Last state; None at the beginning.
     answer
         Result of the last command.
-    extremes
-        Least and greatest values of the last steps.
     """
 
     simulated = False
@@ -217,6 +193,7 @@ class Instrument(Background, ABC):
         *,
         pause: float,
         records: Path | None,
+        extremes: Extremes,
     ) -> None:
         super().__init__("instrument", self._go, self._call_off, _END_S)
         self.where, self.od, self.drives = where, od, stimulator is not None
@@ -230,7 +207,7 @@ class Instrument(Background, ABC):
         self.lease = Lease()
         self.seen: Seen | None = None
         self.answer = ""
-        self.extremes = Extremes()
+        self.extremes = extremes
         self._pause = pause
         self._over = False
         self._wake = threading.Event()
@@ -349,7 +326,10 @@ class SimulatedBench(Instrument):
     def __init__(self, records: Path | None = None) -> None:
         link, od, self._finger = open_guided_link()
         self._bench = stimulator = Stimulator(link, od)
-        super().__init__("a simulated bench", od, stimulator, pause=_SIMULATED_S, records=records)
+        super().__init__(
+            "a simulated bench", od, stimulator, pause=_SIMULATED_S, records=records,
+            extremes=Extremes(od, PUBLISHED),
+        )  # fmt: skip
         self._link = link
         for slot, (period, low, high, shape) in enumerate(_TEXTURES, 1):
             texture = Texture.grating(period, low, high, shape=shape)
@@ -389,21 +369,12 @@ class SimulatedBench(Instrument):
         self._simulated_to = now if slow else self._simulated_to + cycles * _CYCLE_S
         rows: list[Row] = []
         self._link.run(cycles, rows, self._stopping.is_set)
-        self.extremes.add(now, self._extremes_of(rows))
+        for name, values in zip(RECORDED, zip(*rows, strict=True), strict=False):
+            self.extremes.take(name, values)
+        self.extremes.end_step(now)
         self.seen = self._look(now)
         if self._identifying:
             self._follow_identification(self.seen.view)
-
-    def _extremes_of(self, rows: list[Row]) -> dict[str, tuple[float, float]]:
-        columns = dict(zip(RECORDED, zip(*rows, strict=True), strict=False))
-        found = {}
-        for name, unit in PUBLISHED.items():
-            # The COF is 0 where there is none.
-            values = [raw for raw in columns.get(name, ()) if raw or "COF" not in name]
-            if values:
-                size = unit_factor(self.od[name].unit, unit)
-                found[name] = min(values) * size, max(values) * size
-        return found
 
     def _look(self, now: float) -> Seen:
         read = self._link.read
@@ -506,7 +477,9 @@ class BusInstrument(Instrument):
         stimulator: Stimulator | None,
         records: Path | None = None,
     ) -> None:
-        super().__init__(where, od, stimulator, pause=_HEARD_S, records=records)
+        super().__init__(
+            where, od, stimulator, pause=_HEARD_S, records=records, extremes=watcher.extremes
+        )
         self._watcher = watcher
         self._operator = Operator(watcher, listener)
         self._read: set[int] = set()
@@ -522,7 +495,7 @@ class BusInstrument(Instrument):
         answer = self._operator.step(now)
         if answer:
             self.answer = answer
-        self.extremes.add(now, self._watcher.extremes())
+        self.extremes.end_step(now)
         self.seen = Seen(now, self._watcher.view(now), self._stops())
 
     def _stops(self) -> bool:

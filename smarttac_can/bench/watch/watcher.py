@@ -8,6 +8,7 @@ from functools import cache
 from typing import Any, Final, NamedTuple
 
 from smarttac_can.bench.link import PUBLIC, PublishedPdo, published_pdos
+from smarttac_can.bench.watch.extremes import Extremes
 from smarttac_can.bench.watch.wording import limits_in_the_way
 from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.device.nmt import STATES, NMTState, state_text
@@ -112,6 +113,11 @@ class Watcher:
         Bit rate of the bus in bit/s, for its load.
     reads
         Whether objects are read by SDO.
+
+    Attributes
+    ----------
+    extremes
+        Extremes of the objects of `PUBLISHED`; whoever looks at them ends their steps.
     """
 
     def __init__(
@@ -126,7 +132,8 @@ class Watcher:
         self._nodes = [HeardNode(stimulator, "stimulator")]
         if plate is not None:
             self._nodes.append(HeardNode(plate, "plate"))
-        self._published = PublishedValues(stimulator)
+        self.extremes = Extremes(stimulator, PUBLISHED)
+        self._published = PublishedValues(stimulator, self.extremes)
         self._reader: SdoReader | None = None
         if reads:
             self._reader = SdoReader(
@@ -210,14 +217,6 @@ class Watcher:
             bus_load=load,
             frame_rate=rate,
         )
-
-    def extremes(self) -> dict[str, tuple[float, float]]:
-        """Return the least and greatest value of objects of `PUBLISHED` since the last call."""
-        found = {}
-        for name, (low, high) in self._published.taken_extremes().items():
-            size = unit_factor(self._od[name].unit, PUBLISHED[name])
-            found[name] = low * size, high * size
-        return found
 
     def _notes(self, now: float) -> Iterator[str]:
         if self.lost:
@@ -465,13 +464,15 @@ class PublishedValues:
     ----------
     od
         Object dictionary of the stimulator, loaded for its node-ID.
+    extremes
+        Extremes that take each value.
     """
 
-    def __init__(self, od: ObjectDictionary) -> None:
+    def __init__(self, od: ObjectDictionary, extremes: Extremes) -> None:
         self._od = od
+        self._extremes = extremes
         self._pdos: dict[int, PublishedPdo] = {}
         self._ill: set[int] = set()
-        self._extremes: dict[str, tuple[int, int]] = {}
         self._since = 0.0
         self.remap({}, 0.0)
 
@@ -497,22 +498,11 @@ class PublishedValues:
             return False
         if pdo.take(frame.data, now):
             self._ill.discard(pdo.number)
-            self._extend(pdo)
+            for name, raw in zip(pdo.names, pdo.values, strict=True):
+                self._extremes.take(name, (raw,))
         else:
             self._ill.add(pdo.number)
         return True
-
-    def _extend(self, pdo: PublishedPdo) -> None:
-        for name, raw in zip(pdo.names, pdo.values, strict=True):
-            # The COF is 0 where there is none.
-            if name in PUBLISHED and (raw or "COF" not in name):
-                low, high = self._extremes.get(name, (raw, raw))
-                self._extremes[name] = min(low, raw), max(high, raw)
-
-    def taken_extremes(self) -> dict[str, tuple[int, int]]:
-        """Return the least and greatest raw values, by name, since the last call."""
-        taken, self._extremes = self._extremes, {}
-        return taken
 
     def at(self, now: float) -> dict[str, int]:
         """Return the raw values, by name, that are recent at a time in s."""

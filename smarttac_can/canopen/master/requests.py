@@ -142,10 +142,10 @@ def downloading(node_id: int, entry: Entry, data: bytes) -> Iterator[Frame]:
 
 @dataclass
 class _Transfer:
-    """State of a download of more than one frame between client and node."""
+    """State of a transfer of more than one frame between client and node, in either direction."""
 
     address: bytes
-    in_block: bool
+    in_block: bool = False
     data: bytearray = field(default_factory=bytearray)
     segments: dict[int, bytes] = field(default_factory=dict)
     """Unconfirmed segments by sequence number; in a segmented transfer only one at a time."""
@@ -155,6 +155,16 @@ class _Transfer:
     """Whether the last confirmed segment is the last one."""
     unused: int = 0
     """Unused bytes in the last segment of a block."""
+
+    def append(self, segment: bytes) -> None:
+        """Append the data of a segment that is not one of a block."""
+        self.data += segment[1 : cia.FRAME_BYTES - (segment[0] >> 1 & _SEGMENT)]
+        self.ends = bool(segment[0] & 1)
+
+    @property
+    def over(self) -> bool:
+        """Whether the last segment was appended, or more data than any entry has."""
+        return self.ends or len(self.data) > MAX_BYTES
 
 
 class Downloads:
@@ -232,13 +242,11 @@ class Downloads:
                 del transfer.data[len(transfer.data) - transfer.unused :]
                 transfer.ends = True
         elif not transfer.in_block and command >> 5 == _SEGMENT_TAKEN and transfer.segments:
-            segment = transfer.segments[0]
-            transfer.data += segment[1 : cia.FRAME_BYTES - (segment[0] >> 1 & _SEGMENT)]
-            transfer.ends = bool(segment[0] & 1)
+            transfer.append(transfer.segments[0])
         else:
             return None
         transfer.segments.clear()
-        if transfer.ends or len(transfer.data) > MAX_BYTES:
+        if transfer.over:
             self._transfer = None
         return _as_written(transfer.address, bytes(transfer.data)) if transfer.ends else None
 
@@ -286,7 +294,7 @@ class Upload:
         self._node_id, self.entry = node_id, entry
         self.request = upload(node_id, entry)
         self.raw: Any = None
-        self._data = b""
+        self._transfer = _Transfer(self.request.data[1:4])
         self._segments = 0
 
     @property
@@ -303,18 +311,16 @@ class Upload:
             If the node refuses, the toggle bit is wrong, or the value does not suit the type of the
             entry.
         """
-        command, data = answer.data[0], answer.data[1:]
-        if not self._segments and (command == ABORT or command & _IS_EXPEDITED):
+        command = answer.data[0]
+        if command == ABORT or (not self._segments and command & _IS_EXPEDITED):
             self.raw = value(answer, self.entry)
             return True
-        if command == ABORT:
-            raise Abort(int.from_bytes(data[3:], "little"))
         if self._segments:
             if command >> 4 & 1 != (self._segments - 1) % 2:
                 raise Abort(AbortCode.TOGGLE)
-            self._data += data[: _SEGMENT - (command >> 1 & _SEGMENT)]
-            if command & 1 or len(self._data) > MAX_BYTES:
-                self.raw = unpack(self.entry.data_type, self._data)
+            self._transfer.append(answer.data)
+            if self._transfer.over:
+                self.raw = unpack(self.entry.data_type, bytes(self._transfer.data))
                 return True
         toggle = self._segments % 2 << 4
         self._segments += 1

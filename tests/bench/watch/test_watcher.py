@@ -6,6 +6,7 @@ import pytest
 
 from smarttac_can.assurance.trials.rig import LocalMaster
 from smarttac_can.bench.simulation import lockstep_nodes, plate_od, stimulator_od
+from smarttac_can.bench.watch.extremes import Extremes
 from smarttac_can.bench.watch.screen import LEAST_COLUMNS, LEAST_LINES, lines
 from smarttac_can.bench.watch.watcher import (
     PUBLISHED,
@@ -367,8 +368,21 @@ def test_watch_on_a_small_terminal_names_the_needed_size() -> None:
 )
 def test_a_mapping_that_fits_no_frame_is_none(told: dict[int, int]) -> None:
     od = stimulator_od()
-    values = PublishedValues(od)
+    values = PublishedValues(od, Extremes(od, PUBLISHED))
     values.remap({od.entry(0x1A01, place): raw for place, raw in told.items()}, 0.0)
     assert values.take(1.0, Frame(0x1A0, bytes((1, 1, 0))))
     assert not values.take(1.0, Frame(0x2A0, bytes(8)))
     assert not values.take(1.0, Frame(0x2A0, bytes(6)))
+
+
+def test_extremes_hold_each_frame_between_two_looks() -> None:
+    """The COF is 0 where there is none, which is no extreme."""
+    watcher = Watcher(OD)
+    for at, (force, cof) in enumerate(((500, 0), (900, 3000), (200, 2500))):
+        values = force.to_bytes(2, "little") + cof.to_bytes(2, "little")
+        watcher.receive(at * 1e-3, Frame(0x2A0, bytes(2) + values + bytes(2)))
+    watcher.extremes.end_step(1.0)
+    assert watcher.extremes.since(1.0) == {}
+    found = watcher.extremes.since(0.9)
+    assert found["Contact.Normal force"] == pytest.approx((0.2, 0.9))
+    assert found["Contact.COF"] == pytest.approx((0.25, 0.3))

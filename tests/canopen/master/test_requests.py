@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from transcript import frame
 
+from smarttac_can.canopen.device import sdo
 from smarttac_can.canopen.device.frame import Frame
 from smarttac_can.canopen.master import requests
 from smarttac_can.canopen.od.cia import Abort, DataType, NMTCommand
@@ -236,3 +237,29 @@ def test_a_transfer_without_an_end_is_given_up(monkeypatch: pytest.MonkeyPatch) 
 )
 def test_upload_request_names_its_object(text: str, address: tuple[int, int] | None) -> None:
     assert requests.asked(frame(text), 0x20) == address
+
+
+TEXT = Entry(0x2070, 0x00, "Text", DataType.VISIBLE_STRING, "ro")
+INITIATED = frame("5A0 41 70 20 00 00 00 00 00")
+
+
+@pytest.mark.parametrize("text", ["a", "1234567", "12345678", "a text of three segments"])
+def test_a_segmented_upload_is_read(text: str) -> None:
+    reading, server = requests.Upload(0x20, TEXT), sdo.Upload(text.encode())
+    assert not reading.take(INITIATED)
+    while not reading.take(Frame(0x5A0, server.segment(reading.request.data)[0])):
+        assert reading.raw is None
+    assert reading.raw == text
+
+
+@pytest.mark.parametrize(
+    ("answer", "code"),
+    [("5A0 10 61 62 63 64 65 66 67", 0x05030000), ("5A0 80 70 20 00 00 00 04 05", 0x05040000)],
+    ids=["toggle bit", "abort"],
+)
+def test_a_segmented_upload_that_fails(answer: str, code: int) -> None:
+    reading = requests.Upload(0x20, TEXT)
+    reading.take(INITIATED)
+    with pytest.raises(Abort) as refused:
+        reading.take(frame(answer))
+    assert refused.value.code == code
