@@ -1,5 +1,6 @@
-"""``tools/environment`` refuses an extra that pyproject.toml does not have."""
+"""``tools/environment`` refuses unknown extras, and removes what was compiled of older sources."""
 
+import os
 import shutil
 import subprocess
 import sys
@@ -54,3 +55,18 @@ def test_extras_that_are_there(tree: Path) -> None:
     assert environment(tree, "test,check") == (0, installing)
     assert environment(tree, "test,check") == (0, "")
     assert stamps(tree) == ["installed-test,check"]
+
+
+@pytest.mark.parametrize(("source_at", "stays"), [(1000, True), (1002, False)])
+def test_compiled_goes_when_a_source_is_newer(tree: Path, source_at: int, stays: bool) -> None:
+    environment(tree, "test")
+    compiled, source = tree / ".venv/compiled", tree / "smarttac_can/x.py"
+    for folder in (compiled, source.parent):
+        folder.mkdir()
+    for file in (compiled / "x.so", source):
+        file.touch()
+    os.utime(compiled, (1001, 1001))
+    os.utime(source, (source_at, source_at))
+    status, words = environment(tree, "test")
+    assert (status, compiled.exists()) == (0, stays)
+    assert ("the sources are newer than .venv/compiled" in words) is not stays
