@@ -444,6 +444,21 @@ def test_a_wrong_token_is_told_from_none(browser: Tab) -> None:
         assert not browser.driver.find_element(By.ID, "stop").is_displayed()
 
 
+def test_a_limit_that_was_in_the_way_is_shown_as_past(browser: Tab) -> None:
+    """For a second, beside a reading that has fallen since."""
+    said = """
+    limitedAt["Vibration.Amplitude"] = ["at its limit of 3 um", 5];
+    return [5, 5.9, 6].map(t => conditionOf("Vibration.Amplitude", .96, undefined, 3, t));
+    """
+    with served(SimulatedBench()) as url:
+        browser.open(url)
+        assert browser.driver.execute_script(said) == [
+            ["warn", "at its limit of 3 µm"],
+            ["warn", "in the last second: at its limit of 3 µm"],
+            ["", ""],
+        ]
+
+
 def test_a_fault_shows_and_is_reset(browser: Tab) -> None:
     bench = SimulatedBench()
     with served(bench) as url:

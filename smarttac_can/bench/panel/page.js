@@ -180,7 +180,7 @@ function showChannel({object, unit = "", digits, most, asked, limit}, values, no
 // How a reading stands: a class of the page, and the words for it.
 function conditionOf(object, value, goal, most, t) {
   const [words, at] = limitedAt[object] ?? [];
-  if (t - at < HELD_S) return ["warn", printed(words)];
+  if (t - at < HELD_S) return ["warn", printed(t === at ? words : `in the last second: ${words}`)];
   if (value === undefined) return ["", object === "Contact.COF" ? "no finger" : "not known"];
   if (most && Math.abs(value) > most) return ["bad", "above its limit"];
   if (most && Math.abs(value) > NEAR * most) return ["warn", "near its limit"];

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from functools import cache
 from typing import Any, Final, NamedTuple
 
@@ -61,7 +61,6 @@ READ_RARELY: Final = {
     "Limit.Amplitude": "um",
     "Limit.Lowest frequency": "Hz",
     "Limit.Highest frequency": "Hz",
-    "Limit.Amplitude by drive": "um",
     "Limit.Normal force": "N",
     "Limit.Lateral force": "N",
     "Limit.Temperature": "degC",
@@ -205,7 +204,7 @@ class Watcher:
         seen = self._published.at(now)
         read = self._raw_read(now)
         load, rate = self._load.at(now)
-        return view_of(self._od, seen, read)._replace(
+        return view_of(self._od, seen, read, self._published.older_than_limited())._replace(
             peers=tuple(node.at(now) for node in self._nodes),
             notes=tuple(self._notes(now)),
             cycle_rate=self._cycle_rate if "Cycle.Cycles" in read else None,
@@ -334,7 +333,12 @@ class View(NamedTuple):
     """Message of the device; None if it is not known."""
 
 
-def view_of(od: ObjectDictionary, seen: Mapping[str, int], read: Mapping[str, Any]) -> View:
+def view_of(
+    od: ObjectDictionary,
+    seen: Mapping[str, int],
+    read: Mapping[str, Any],
+    older: Collection[str] = (),
+) -> View:
     """Return the view of raw values of a stimulator, as far as it follows from them.
 
     Parameters
@@ -343,6 +347,8 @@ def view_of(od: ObjectDictionary, seen: Mapping[str, int], read: Mapping[str, An
         Object dictionary of the stimulator.
     seen, read
         Raw values by name, of published objects and of objects read by SDO.
+    older
+        Names of the published objects whose values are older than the bit LIMITED.
     """
     latched = [WATCHDOGS[each] for each in watchdogs_in(read.get("Diagnosis.Latched", 0))]
     values = _values(od, seen, PUBLISHED) | _values(od, read, READ | READ_RARELY)
@@ -355,7 +361,7 @@ def view_of(od: ObjectDictionary, seen: Mapping[str, int], read: Mapping[str, An
         values=values,
         latched=tuple(row.text.partition(":")[0] for row in latched),
         remedies=tuple(row.remedy for row in latched),
-        limited=limits_in_the_way(values, mode) if limited else {},
+        limited=limits_in_the_way(values, mode, older) if limited else {},
         message=read.get("Message"),
     )
 
@@ -473,6 +479,8 @@ class PublishedValues:
         self._extremes = extremes
         self._pdos: dict[int, PublishedPdo] = {}
         self._ill: set[int] = set()
+        self._limited = False
+        self._in_limited: set[int] = set()
         self._since = 0.0
         self.remap({}, 0.0)
 
@@ -489,6 +497,8 @@ class PublishedValues:
         pdos = published_pdos(self._od, lambda entry: known.get(entry, int(entry.default)))
         self._pdos = {pdo.can_id: pdo for pdo in pdos}
         self._ill = set()
+        self._limited = False
+        self._in_limited = set()
         self._since = now
 
     def take(self, now: float, frame: Frame) -> bool:
@@ -500,6 +510,9 @@ class PublishedValues:
             self._ill.discard(pdo.number)
             for name, raw in zip(pdo.names, pdo.values, strict=True):
                 self._extremes.take(name, (raw,))
+                if name == "Statusword":
+                    self._limited = bool(raw & Status.LIMITED)
+            (self._in_limited.add if self._limited else self._in_limited.discard)(pdo.number)
         else:
             self._ill.add(pdo.number)
         return True
@@ -511,6 +524,18 @@ class PublishedValues:
             for pdo in self._pdos.values()
             if pdo.received is not None and now - pdo.received <= OLD_S
             for name, value in zip(pdo.names, pdo.values, strict=True)
+        }
+
+    def older_than_limited(self) -> set[str]:
+        """Return the names of the objects whose last values did not come while LIMITED was set.
+
+        The statusword is sent in the cycle that changes it, other TPDOs up to 100 ms later.
+        """
+        return {
+            name
+            for pdo in self._pdos.values()
+            if pdo.number not in self._in_limited
+            for name in pdo.names
         }
 
     def last(self, name: str) -> tuple[float, int] | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Final
 
 from smarttac_can.vocabulary.states import IdentificationState, Mode
@@ -11,12 +11,16 @@ _AT: Final = 0.999
 """Share of a limit from which a value is at it, as it is published in steps."""
 _NEAR: Final = 0.95
 """The same for the amplitude, which has the noise of the pick-up."""
+_JUDGED: Final = frozenset(("Vibration.Amplitude", "Vibration.Voltage", "Vibration.Frequency"))
+"""Values that may be at a limit."""
 _REFUSED: Final = "identification: "
 """Beginning of the Message after an identification that has failed."""
 
 
-def limits_in_the_way(values: Mapping[str, float], mode: str) -> dict[str, str]:
-    """Return the limits that reduce the output, in words, by the object that each one acts on.
+def limits_in_the_way(
+    values: Mapping[str, float], mode: str, older: Collection[str]
+) -> dict[str, str]:
+    """Return what is known of the limits that reduce the output, by the object that it is about.
 
     Parameters
     ----------
@@ -24,26 +28,31 @@ def limits_in_the_way(values: Mapping[str, float], mode: str) -> dict[str, str]:
         Values of a `View` whose flags have LIMITED.
     mode
         Mode of the view.
+    older
+        Names of the values that are older than LIMITED, which say nothing of it.
     """
-    voltage, frequency = values.get("Vibration.Voltage", 0.0), values.get("Vibration.Frequency")
+    values = {name: value for name, value in values.items() if name not in older}
     found = {}
     most_v = values.get("Limit.Voltage")
-    if most_v is not None and voltage >= _AT * most_v:
+    if most_v is not None and values.get("Vibration.Voltage", 0.0) >= _AT * most_v:
         found["Vibration.Voltage"] = f"at its limit of {most_v:g} V"
     for bound in ("Lowest", "Highest"):
         limit = values.get(f"Limit.{bound} frequency")
-        if limit is not None and frequency == limit:
+        if limit is not None and values.get("Vibration.Frequency") == limit:
             found["Vibration.Frequency"] = f"at its {bound.lower()}, {limit:g} Hz"
     if found:
         return found
     most_w = values.get("Limit.Amplitude", 0.0)
     if mode == Mode.OPEN_LOOP.name.lower().replace("_", " "):
-        return {"Vibration.Voltage": f"cut: a bare plate would exceed {most_w:g} um"}
-    if values.get("Vibration.Amplitude", 0.0) >= _NEAR * most_w > 0.0:
+        bare_nm = values.get("Model.Gain per volt", 0.0) * values.get("Setpoint.Voltage", 0.0)
+        if bare_nm > most_w * 1e3 > 0.0:
+            return {"Vibration.Voltage": f"cut: a bare plate would exceed {most_w:g} um"}
+    elif values.get("Vibration.Amplitude", 0.0) >= _NEAR * most_w > 0.0:
         return {"Vibration.Amplitude": f"at its limit of {most_w:g} um"}
-    bound_w = values.get("Limit.Amplitude by drive")
-    to = "" if bound_w is None else f" to {bound_w:g} um"
-    return {"Vibration.Voltage": f"cut{to} by the drive's bound"}
+    if not _JUDGED.isdisjoint(older):
+        return {}
+    # The device reports no cause: it may be the drive's bound or a step of the frequency, too.
+    return {"Vibration.Voltage": "output limited"}
 
 
 def identification(values: Mapping[str, float], message: str | None) -> str:

@@ -5,12 +5,14 @@ from collections.abc import Iterator
 import pytest
 
 from smarttac_can.assurance.trials.rig import LocalMaster
+from smarttac_can.bench.link import published_pdos
 from smarttac_can.bench.simulation import lockstep_nodes, plate_od, stimulator_od
 from smarttac_can.bench.watch.extremes import Extremes
 from smarttac_can.bench.watch.screen import LEAST_COLUMNS, LEAST_LINES, lines
 from smarttac_can.bench.watch.watcher import (
     PUBLISHED,
     READ,
+    READ_RARELY,
     PublishedValues,
     View,
     Watcher,
@@ -22,6 +24,7 @@ from smarttac_can.canopen.master.requests import nmt
 from smarttac_can.canopen.od.cia import NMTCommand
 from smarttac_can.instrument.nodes.plate_block import PlateBlock
 from smarttac_can.instrument.nodes.stimulator_node import StimulatorNode
+from smarttac_can.vocabulary.states import Mode, State, Status
 from smarttac_can.vocabulary.watchdogs import Watchdog
 
 OD = stimulator_od()
@@ -328,6 +331,72 @@ def test_numbers_of_a_newer_node_are_shown_as_numbers() -> None:
     watcher.receive(0.0, Frame(0x1A0, bytes((1, 7, 99))))
     view = watcher.view(0.1)
     assert (view.state, view.mode) == ("unknown", "number 99")
+
+
+LIMITED = Frame(0x1A0, bytes((1 | Status.LIMITED, State.RUNNING, Mode.AMPLITUDE_RESONANCE)))
+FREE = Frame(0x1A0, bytes((1, State.RUNNING, Mode.AMPLITUDE_RESONANCE)))
+
+
+def published(name: str, raw: int) -> Frame:
+    """Return the frame of the TPDO of an object, with 0 for the others."""
+    for pdo in published_pdos(OD, lambda entry: int(entry.default)):
+        if name in pdo.names:
+            values = dict.fromkeys(pdo.names, 0) | {name: raw}
+            return Frame(pdo.can_id, pdo.layout.pack(*values.values()))
+    raise KeyError(name)
+
+
+class Limits:
+    """The limits in the way that a watcher shows, one frame each ms."""
+
+    def __init__(self) -> None:
+        self.published = PublishedValues(OD, Extremes(OD, PUBLISHED))
+        self.read = {name: OD[name].read() for name in READ_RARELY}
+        self.at = 0.0
+
+    def after(self, *frames: Frame) -> dict[str, str]:
+        for frame in frames:
+            self.at += 1e-3
+            assert self.published.take(self.at, frame)
+        older = self.published.older_than_limited()
+        return dict(view_of(OD, self.published.at(self.at), self.read, older).limited)
+
+
+def raw(name: str, value: float) -> int:
+    return round(value / OD[name].unit.in_unit(PUBLISHED[name]))
+
+
+def test_a_value_older_than_limited_is_at_no_limit() -> None:
+    """The statusword is sent at once, and the amplitude up to 100 ms later."""
+    limits = Limits()
+    high, low = (published("Vibration.Amplitude", raw("Vibration.Amplitude", w)) for w in (3, 0.96))
+    drive = published("Vibration.Voltage", 0)
+    said = {"Vibration.Amplitude": "at its limit of 3 um"}
+    assert limits.after(high, drive, LIMITED) == {}
+    assert limits.after(high) == said
+    assert limits.after(FREE) == {}
+    assert limits.after(low, drive, LIMITED) == {}
+    assert limits.after(high) == said
+
+
+def test_limited_without_a_value_at_its_limit_names_no_cause() -> None:
+    """It waits for the values of both TPDOs."""
+    limits = Limits()
+    low = published("Vibration.Amplitude", raw("Vibration.Amplitude", 0.96))
+    assert limits.after(LIMITED, low) == {}
+    assert limits.after(published("Vibration.Voltage", 0)) == {
+        "Vibration.Voltage": "output limited"
+    }
+
+
+def test_open_loop_is_cut_for_a_bare_plate_only_if_it_would_exceed_the_limit() -> None:
+    read = {name: OD[name].read() for name in READ_RARELY}
+    seen = {"Statusword": LIMITED.data[0] | State.RUNNING << 8, "Mode display": Mode.OPEN_LOOP}
+    said = [
+        view_of(OD, seen, read | {"Setpoint.Voltage": volts}).limited["Vibration.Voltage"]
+        for volts in (raw("Vibration.Voltage", 150), raw("Vibration.Voltage", 30))
+    ]
+    assert said == ["cut: a bare plate would exceed 3 um", "output limited"]
 
 
 def test_a_view_fits_a_terminal_of_80_by_24(regulated: tuple[Scene, View]) -> None:
