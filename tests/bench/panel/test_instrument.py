@@ -373,19 +373,31 @@ class QuietBus:
 class OnABus:
     """An instrument that `ME` drives, and its view of the bus."""
 
-    def __init__(self) -> None:
-        link, od, _ = open_guided_link()
-        self.stimulator = Stimulator(link, od)
+    def __init__(self, records: Path | None = None) -> None:
+        self.link, od, _ = open_guided_link()
+        self.stimulator = Stimulator(self.link, od)
         self.watcher = Watcher(od)
         self.instrument = BusInstrument(
-            "a bus", od, self.watcher, Listener(QuietBus), self.stimulator
+            "a bus", od, self.watcher, Listener(QuietBus), self.stimulator, records
         )
         self.instrument.lease.take(ME, 0.0)
 
+    def line(self, text: str) -> str:
+        """Return the answer to a line, which a thread of the instrument finds."""
+        self.instrument.answer = ""
+        self.instrument.command(ME, text)
+
+        def answer() -> str:
+            self.instrument.step(1.0)
+            return self.instrument.answer
+
+        until(answer)
+        return self.instrument.answer
+
 
 @pytest.fixture
-def on_a_bus() -> Iterator[OnABus]:
-    made = OnABus()
+def on_a_bus(tmp_path: Path) -> Iterator[OnABus]:
+    made = OnABus(tmp_path)
     yield made
     made.instrument._operator.end()
 
@@ -421,3 +433,20 @@ def test_a_stop_holds_lines_until_the_node_is_disarmed(on_a_bus: OnABus) -> None
     assert holds(2.0)
     on_a_bus.watcher.receive(2.5, Frame(0x1A0, bytes((0, 1, 0))))
     assert not holds(3.0)
+
+
+def test_panel_on_a_bus_records_with_a_marker(on_a_bus: OnABus, tmp_path: Path) -> None:
+    recorder = on_a_bus.instrument.recorder
+    assert recorder is not None
+    assert on_a_bus.line("record start dry").startswith("done: recording into panel-")
+    on_a_bus.link.run(50, [])
+    assert on_a_bus.line("record mark here") == "done: marker 'here'"
+    on_a_bus.link.run(50, [])
+    assert on_a_bus.line("record stop").endswith(" is being made")
+    recorder.end()
+    (path,) = tmp_path.iterdir()
+    assert recorder.made() == f"done: {path.name} has 100 cycles of 1 ms, and 0 are lost"
+    assert recorder.shown()["file"] == ""
+    recording = read_recording(path)
+    assert recording.metadata["notes"] == "dry"
+    assert [marker.text for marker in recording.markers] == ["here"]
