@@ -429,8 +429,9 @@ def calibrate(
     """Calibrate the tribometer by the weights of PLAN, asking for one after the other.
 
     PLAN is CSV with mass_g,angle_deg,azimuth_deg,x_mm: a weight, the tilt of the plate, the
-    direction in which it falls (0 along x, 90 along y), and where the weight is. If the fit leaves
-    too much, the exit code is 1, and the stimulator stays as it is; the certificate has the reason.
+    direction in which it slopes down (0 along x, 90 along y), and where the weight is. If the
+    remaining error of the fit is too large, the exit code is 1, and the stimulator keeps its
+    calibration; the certificate has the reason.
     """
     _refuse_the_plan(certificate, plan)
     with plain_errors(), ExitStack() as stack:

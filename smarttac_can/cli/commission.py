@@ -190,7 +190,9 @@ def _identity(_ctx: click.Context, _param: click.Parameter, text: str | None) ->
 @click.option(
     "--store", is_flag=True, help="Store it in the device, so that it stays after a power cut."
 )
-@click.option("--force", is_flag=True, help="Also if a device answers with that node-ID already.")
+@click.option(
+    "--force", is_flag=True, help="Set it even if a device already answers with that node-ID."
+)
 @bus_options
 @timeout_option
 def lss(

@@ -131,7 +131,7 @@ def main(context: click.Context) -> None:
 @_jobs_option
 @click.option(
     "--channel",
-    help="SocketCAN interface that carries the frames, such as vcan0; then there is one process.",
+    help="SocketCAN interface that carries the frames, such as vcan0. It allows one job only.",
 )
 def faults(
     *,
@@ -305,7 +305,7 @@ def _cell(_ctx: click.Context, _param: click.Parameter, texts: tuple[str, ...]) 
     "coarse",
     default=True,
     show_default=True,
-    help="Short sweep of about a minute, or long one of 20 minutes on two processors.",
+    help="Coarse sweep (about a minute) or fine sweep (20 minutes on two processors).",
 )
 @click.option(
     "--random",

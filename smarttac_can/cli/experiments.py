@@ -167,8 +167,8 @@ def demo(seed: int, output: Path | None) -> None:
     metavar="N",
     default=0.0,
     show_default=True,
-    help=f"Force of a finger on the plate in fig5 and fig6, {LOAD_MIN:g}..{LOAD_MAX:g} N; adds a"
-    " step of 50 %.",
+    help=f"Force of a finger on the plate in fig5 and fig6, {LOAD_MIN:g}..{LOAD_MAX:g} N; a"
+    " second step, from 1 to 1.5 um, follows.",
 )
 @dead_time_option
 @click.option(
@@ -348,9 +348,9 @@ def campaign(
 ) -> None:
     """Regulate the friction of many random fingers, and show how it went for all of them.
 
-    Each finger is a function of the seed and its number, so the results are the same to the bit
-    whoever shares the work. True figures come first; those that begin with measured_ are what the
-    gauges show.
+    Each finger is computed from the seed and the number of the finger, so the results are the same
+    to the bit on any number of processes. The numbers of the true COF come first; those that begin
+    with measured_ are of the COF that the gauges measure.
     """
     if (
         cluster is not None

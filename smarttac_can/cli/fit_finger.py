@@ -96,8 +96,8 @@ _columns = with_options(
         "--position",
         default=_BY_GAUGES,
         show_default=True,
-        help="Column of the position, in mm. Only the position of a trace has the lag of the"
-        " gauges.",
+        help="Column of the position, in mm. The fit assumes the lag of the gauges only for"
+        f" {_BY_GAUGES}, the position in a trace.",
     ),
     click.option("--speed", help="Column of the speed, in mm/s, instead of --position."),
     click.option(

@@ -211,13 +211,14 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
     Watchdog.SYNC_IRREGULAR: WatchdogRow(
         "SYNC is irregular",
         FaultCode.SYNC_IRREGULAR, _COMMUNICATION, f"4 x ({_DEADLINE}) + 4",
-        "SYNCs are counted in windows of two deadlines plus 2 periods. The number may be wrong by "
-        "one less than the deadline in ms: with 3 ms, 6 to 10 SYNCs in 8 ms are accepted. A fault "
-        "that begins late in a window may only show in the next one. A drift is counted over 1000 "
-        "periods, where 10 plus the deadline may be too many or too few: 2000 cycles",
+        "SYNCs are counted in windows of two deadlines plus 2 periods. With a deadline of n ms, up "
+        "to n - 1 SYNCs too many or too few are accepted in a window: with 3 ms, 6 to 10 SYNCs in "
+        "8 ms. A fault that begins late in a window may only be detected in the next one. To "
+        "detect a drift of the clock, SYNCs are also counted over 1000 periods, in which up to "
+        "10 + n too many or too few are accepted; this takes up to 2000 cycles",
         Way.WINDOW,
-        ": an error that is too small for the short window adds up in the long one, to 1.3 % at "
-        "3 ms",
+        ". An error that is too small for the short window adds up in the window of 1000 periods, "
+        "which accepts up to 1.3 % with a deadline of 3 ms",
         _DEADLINE,
         remedy="see what delays the producer of SYNC, and that there is only one",
         looks_at="SYNC of another node against device time",
@@ -392,8 +393,9 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         FaultCode.DOUBLE, _COMMUNICATION, 1,
         "one frame is enough; a plate node reports such frames for its own identifiers. If it does "
         "not, surplus measurements are counted in windows of twice the deadline in ms plus 2 "
-        "SYNCs. As many as the deadline has ms are a fault; one less may come from SYNCs that were "
-        "not received. The fault is present until no such frame has come for 3 s",
+        "SYNCs. With a deadline of n ms, n surplus measurements in a window are a fault; n - 1 may "
+        "have been sent for SYNCs that this node has not received. The fault is present until no "
+        "such frame has come for 3 s",
         Way.WINDOW,
         ". A surplus measurement is not answered, even if it is no fault",
         _DEADLINE,

@@ -430,13 +430,16 @@ def _weak(
     )  # fmt: skip
 
 
+_TOO_LITTLE: Final = "too little vibration trips before the wrong phase has lasted for its bound"
+
+
 def _detuned(per_mille: int, instead: Mapping[Mode, Watchdog]) -> FaultCase:
     """Return the loss of one axis whose wrong phase detunes the resonance loop."""
     return broken(
         f"pick-up d at {per_mille / _PER_MILLE:g}, tracked", RESONANCE_CYCLES + LACK_BOUND,
         Watchdog.RESONANCE, FaultKind.GAIN, PICKUP_D, per_mille,
         modes=TRACKED, instead=instead, shows=visible(),
-        why="the lack has lasted before the wrong phase" if instead else "",
+        why=_TOO_LITTLE if instead else "",
     )  # fmt: skip
 
 
@@ -485,19 +488,23 @@ FORCE_PATH_CYCLES: Final = 6
 """Cycles until the flexure and the filter of 100 Hz show half of a sudden force, plus one."""
 
 
-_BEYOND: Final = "the end of the range, less the zero, is above the limit of the force in one cycle"
+_BEYOND: Final = (
+    "the force at the end of the range, minus the zero of the gauge, is above the limit of the "
+    "normal force, which trips in one cycle"
+)
 _LATERAL: Final = "without a finger a lateral force contradicts the other gauges at once"
 _DIAGONAL: Final = (
     "0 N contradicts the other three normal gauges before it has lasted for 24 cycles"
 )
 _MOVED: Final = "the texture moves the vibration away from where the reading rests"
 _BESIDE: Final = (
-    "an identification beside the resonance still reads the other axis, so that equal samples are "
-    "first"
+    "off the resonance an identification still reads a vibration on axis q, so the equal samples "
+    "of axis d trip first"
 )
 _STAYS: Final = (
-    "the voltage is 0 V at once, and a vibration that stays at its end does not follow from that; "
-    "where the voltage comes in pulses, what it follows from falls more slowly"
+    "each reading at the end of the range makes the voltage 0 V, and such a vibration does not "
+    "follow from 0 V (5213h). In these modes the voltage comes in pulses, so the vibration that "
+    "the model computes falls more slowly, and the limit of the amplitude trips first"
 )
 _PULSED: Final = MappingProxyType(
     {Mode.FRICTION: Watchdog.AMPLITUDE, Mode.TEXTURE: Watchdog.AMPLITUDE}
@@ -657,8 +664,9 @@ CASES: Final[tuple[FaultCase, ...]] = (
     broken("power stage stuck", AT_ONCE, Watchdog.STAGE,
             FaultKind.STAGE_STUCK, 1, 14_000, breaks_stage=True, shows=_disobeys,
             instead={Mode.IDENTIFY: Watchdog.PICKUP},
-            why="140 V instead of 16 V are more vibration than an identification bears: it asks "
-            "for 0 V, which a stuck stage obeys, before a drive could show that it does not"),
+            why="140 V instead of 16 V cause more vibration than is allowed in an identification, "
+            "so the stimulator commands 0 V. The simulated stuck stage obeys 0 V, so no later "
+            "drive shows that the stage is stuck"),
     FaultCase("hardware takes its enable away", AT_ONCE, Watchdog.NOT_ENABLED,
               hardware("enable", 0), hardware("enable", 1), prepare=connect_hardware),
     FaultCase("hardware falls silent", PDO_DEADLINE_MS, Watchdog.NOT_ENABLED,
@@ -696,8 +704,8 @@ CASES: Final[tuple[FaultCase, ...]] = (
               pause_stimulator, resume_stimulator, deaf=True),
     FaultCase("plate paused for 2 s", AT_ONCE, Watchdog.MEASUREMENT,
               pause_plate, nothing, deaf=True,
-              uncovered="a stopped process cannot set its stage to 0 V, also if hardware commands "
-              "this by Enable. The supply of the stage needs a contact that opens unless each "
+              uncovered="a stopped process cannot set its stage to 0 V, even if hardware sends "
+              "Enable = 0. The supply of the stage needs a contact that opens unless each "
               "cycle of the plate retriggers it"),
     FaultCase("master paused", PDO_DEADLINE_MS, Watchdog.SYNC_LOST, pause_master,
               resume_master),

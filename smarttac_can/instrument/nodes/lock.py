@@ -44,7 +44,9 @@ def _supervises_less(present: int, value: int) -> bool:
 HIGHER: Final = Rule("a higher value", lambda present, value: value > present)
 LOWER: Final = Rule("a lower value", lambda present, value: value < present)
 LONGER: Final = Rule("a longer time, or 0 where there is one", _lasts_longer)
-ELSEWHERE: Final = Rule("of a node: a longer time, 0, or another node", _supervises_less)
+ELSEWHERE: Final = Rule(
+    "for an entry that supervises a node: a longer time, 0, or another node", _supervises_less
+)
 OTHER: Final = Rule("any but the present value", lambda present, value: value != present)
 
 
