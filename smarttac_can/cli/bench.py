@@ -71,9 +71,10 @@ from smarttac_can.vocabulary.watchdogs import WATCHDOGS, Watchdog
 @timeout_option
 @json_options(bare=True)
 def status(*, at: StimulatorChoice, timeout: float, json_file: Path | None) -> None:
-    """Show NMT state, faults, message, commander and levels of a stimulator.
+    """Show NMT state, faults, message, commander and levels of the watchdogs of a stimulator.
 
-    This command only reads: it starts no node, and a running drive continues. The exit code is 0,
+    The commander is the node that drives. This command only reads: it starts no node, and a
+    running drive continues. The exit code is 0,
     also if the stimulator is in FAULT.
     """
     with reporting(json_file) as write_results:
@@ -205,7 +206,11 @@ def _watching(
     "  smarttac watch --interface socketcan --channel can0 --plate-node 33 --drive"
 )
 @stimulator_options
-@click.option("--drive", is_flag=True, help="Start the nodes, and take set-points and a stop key.")
+@click.option(
+    "--drive",
+    is_flag=True,
+    help="Start the nodes, and let you enter set-points and stop the drive with a key.",
+)
 @click.option(
     "--no-sdo",
     is_flag=True,
@@ -215,8 +220,8 @@ def watch(*, at: StimulatorChoice, drive: bool, no_sdo: bool) -> None:
     """Show a stimulator live in the terminal: friction, drive, state, faults, counts and bus.
 
     The values come from the TPDOs of the nodes. Objects that are in no TPDO are read by SDO, one
-    at a time. With --drive the command also drives: the stimulator supervises its heartbeat, and
-    Esc disarms.
+    at a time. With --drive the command also drives: the stimulator supervises the heartbeat of the
+    command, and Esc disarms.
     """
     if drive and no_sdo:
         raise click.UsageError("--drive writes by SDO: leave out --no-sdo")
@@ -426,7 +431,7 @@ def calibrate(
     lockstep: bool,
     write: bool,
 ) -> None:
-    """Calibrate the tribometer by the weights of PLAN, asking for one after the other.
+    """Calibrate the tribometer with the weights of PLAN; the command asks for each weight in turn.
 
     PLAN is CSV with mass_g,angle_deg,azimuth_deg,x_mm: a weight, the tilt of the plate, the
     direction in which it slopes down (0 along x, 90 along y), and where the weight is. If the

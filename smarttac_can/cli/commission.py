@@ -185,7 +185,8 @@ def _identity(_ctx: click.Context, _param: click.Parameter, text: str | None) ->
     "--identity",
     callback=_identity,
     metavar="V:P:R:S",
-    help="Vendor, product, revision and serial number in hexadecimal; without, fastscan.",
+    help="Vendor, product, revision and serial number in hexadecimal. Without this option the "
+    "command finds the device by fastscan.",
 )
 @click.option(
     "--store", is_flag=True, help="Store it in the device, so that it stays after a power cut."
@@ -203,9 +204,9 @@ def lss(
     bus: BusChoice,
     timeout: float,
 ) -> None:
-    """Give a device the node-ID NODE_ID, by its identity or the first that has none.
+    """Give the node-ID NODE_ID to the device with --identity, or to a device without a node-ID.
 
-    A node-ID that another device answers with is refused.
+    If another device already uses this node-ID, the command refuses it.
 
     A device that has a node-ID already is reset (NMT reset communication) to take the new one.
     """
@@ -315,8 +316,9 @@ def load(
     """Write the values of a DCF to a device, and read them back.
 
     The identity of the device is compared first. Communication parameters are written by the
-    procedures of CiA 301. A DownloadFile is written, too. The device stores nothing permanently:
-    write 1010h for that. If the device refuses a value, the exit code is 1.
+    procedures of CiA 301. If an entry of the DCF names a DownloadFile, the content of that file is
+    written to the entry. The device stores nothing permanently: write 1010h for that. If the device
+    refuses a value, the exit code is 1.
     """
     with reporting(json_file) as write_results:
         with naming(file, ValueError):

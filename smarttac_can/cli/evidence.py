@@ -144,11 +144,11 @@ def faults(
 ) -> None:
     """Inject every fault in every mode that drives, and show how soon the plate is at 0 V.
 
-    Faults that act through the loop are also injected under the predictive laws, as mode
+    Faults in which the controllers play a part are also injected with the predictive laws, as mode
     friction_predictive.
 
     Stimulator, plate and master are simulated, on a bus inside the process or on --channel. No
-    other node may send on this channel. The rows are the same in both cases.
+    other node may send on this channel. The rows are the same on both buses.
     """
     try:
         chosen = cases(faults_, modes)
@@ -342,7 +342,8 @@ def sensors(
     """Inject failures of a sensor in many modes and set-points, and check the bounds of the plate.
 
     The results show what ended the runs of each failure mode, and the largest true vibration of
-    the plate until then. A cell that exceeds the promised bounds is a violation.
+    the plate until then. A cell is one run of the sweep, with one
+    failure in one mode. A cell whose vibration exceeds the documented bounds is a violation.
     """
     if sum((random_ is not None, healthy is not None, bool(cells))) > 1:
         raise click.UsageError("--random, --healthy and --cell exclude each other")

@@ -100,8 +100,8 @@ dead_time_option = click.option(
     metavar="US|auto",
     default="0",
     show_default=True,
-    help="Time in us until a drive is in force, 0 to 999; auto: frame times at"
-    f" {BIT_RATE // 1000} kbit/s.",
+    help="Time in us from the start of a cycle until the drive of this cycle acts, 0 to 999;"
+    f" auto: computed from the lengths of the CAN frames at {BIT_RATE // 1000} kbit/s.",
 )
 output_option = click.option(
     "--output",
@@ -154,7 +154,11 @@ def demo(seed: int, output: Path | None) -> None:
     show_default=True,
     help="Use CANopen nodes on a virtual bus, or function calls; the numbers are the same.",
 )
-@law_option("--law", Law, "How the amplitude follows the COF; predictive is not the paper's.")
+@law_option(
+    "--law",
+    Law,
+    "Law that sets the amplitude to regulate the COF; the paper does not have predictive.",
+)
 @law_option(
     "--vibration-law",
     VibrationLaw,
@@ -167,8 +171,8 @@ def demo(seed: int, output: Path | None) -> None:
     metavar="N",
     default=0.0,
     show_default=True,
-    help=f"Force of a finger on the plate in fig5 and fig6, {LOAD_MIN:g}..{LOAD_MAX:g} N; a"
-    " second step, from 1 to 1.5 um, follows.",
+    help=f"Force of a finger on the plate in fig5 and fig6, {LOAD_MIN:g}..{LOAD_MAX:g} N; with a"
+    " finger the amplitude makes a second step, from 1 to 1.5 um.",
 )
 @dead_time_option
 @click.option(
@@ -282,7 +286,8 @@ _FINGERS_MAX = 1_000_000
 @law_option(
     "--law",
     Law,
-    "How the amplitude follows the COF; repeat it to run the same fingers with other laws.",
+    "Law that sets the amplitude to regulate the COF; repeat it to run the same fingers with other "
+    "laws.",
     multiple=True,
 )
 @law_option(
@@ -305,7 +310,8 @@ _FINGERS_MAX = 1_000_000
     type=click.Choice(list(CASES)),
     default="nominal",
     show_default=True,
-    help="What differs from what the laws were tuned for.",
+    help="Difference between the simulated fingers or plates and those for which the laws were "
+    "tuned.",
 )
 @click.option(
     "--workers",

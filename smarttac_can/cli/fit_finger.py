@@ -96,8 +96,8 @@ _columns = with_options(
         "--position",
         default=_BY_GAUGES,
         show_default=True,
-        help="Column of the position, in mm. The fit assumes the lag of the gauges only for"
-        f" {_BY_GAUGES}, the position in a trace.",
+        help=f"Column of the position, in mm. The position in a trace, {_BY_GAUGES}, is computed"
+        " from the gauges and lags behind the finger; for another column the fit assumes no lag.",
     ),
     click.option("--speed", help="Column of the speed, in mm/s, instead of --position."),
     click.option(
@@ -153,7 +153,8 @@ def fit_finger(
 
     Parameters that the recording does not determine are named. FILE is the CSV file of a trace or
     of a lab; the name of a column may end in a unit. Rows with an empty cell are left out, and the
-    finger is lifted there. Subject of smarttac_can.science.plant takes the subject in --json.
+    finger is lifted there. The file of --json has the parameters
+    of the class Subject of smarttac_can.science.plant.
     """
     wanted = {what: column for what, column in columns.items() if column is not None}
     wanted["position" if speed is None else "speed"] = speed or position

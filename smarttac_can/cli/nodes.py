@@ -420,7 +420,9 @@ def node_options(node_id: int) -> Callable[[Command], Command]:
 @click.option(
     "--plate-node", type=NODE_ID, help="Node-ID of the plate.  [default: simulate it inside]"
 )
-@click.option("--produce-sync", is_flag=True, help="Produce the SYNC that is the plate's tick.")
+@click.option(
+    "--produce-sync", is_flag=True, help="Send the SYNC, which starts each cycle of the plate."
+)
 def node(
     *,
     node_id: int | None,
@@ -645,8 +647,8 @@ def device(
     """Run a device of any EDS, with its values in memory, until Ctrl-C or SIGTERM.
 
     The device has every service whose objects are in the EDS. All other objects only store values:
-    a written value is read back, and sent in TPDOs. A PDO is off if its mapping or its CAN-ID is
-    not valid. From a DCF the device takes the node-ID, too.
+    the device returns a written value to a later read, and sends it in TPDOs. A PDO is off
+    if its mapping or its CAN-ID is not valid. From a DCF the device takes the node-ID, too.
     """
     with plain_errors():
         od, fixed = load_own(eds, node_id, unconfigured)

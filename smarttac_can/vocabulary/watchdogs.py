@@ -96,7 +96,7 @@ class Way(Enum):
     """Ways in which a watchdog counts faulty cycles, and lowers the count."""
 
     ONCE = "no count: the first one trips"
-    SLOWLY = f"slowly: {FORGOTTEN} sound cycles take back one faulty cycle"
+    SLOWLY = f"slowly: {FORGOTTEN} cycles without this fault take back one faulty cycle"
     """A leaky bucket, `nodes.watches.leaked`: faulty cycles with gaps add up to a fault, too."""
     IN_A_ROW = "at once"
     WINDOW = "with each window"
@@ -169,9 +169,10 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
     Watchdog.HEARTBEAT: WatchdogRow(
         "the heartbeat of a supervised node is lost",
         FaultCode.HEARTBEAT_LOST, _COMMUNICATION, "Consumer heartbeat time",
-        "the consumer time. If the node boots again, it counts as lost at once; if it was "
-        "OPERATIONAL and leaves this state, 1 s and a heartbeat later. The plate has 2 s, two "
-        "heartbeats, because its PDOs are supervised, too",
+        "the consumer time. A node that boots again counts as lost at once. A node that was "
+        "OPERATIONAL counts as lost if its heartbeats have shown another state for 1 s. The "
+        "plate node has 2 s, four of its heartbeats, because the PDOs of the plate are "
+        "supervised as well",
         Way.TIME_OUT,
         limit="Consumer heartbeat time",
         remedy="see whether the program that drives, and the plate node, run and are on the bus",
@@ -182,9 +183,10 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         FaultCode.MEASUREMENT_LOST, _COMMUNICATION, _DEADLINE,
         "the shortest of the three event timers: the deadline of the loop",
         Way.TIME_OUT,
-        ". Unusable measurements only count in a row: CAN may deliver a frame twice, and a doubled "
-        "PDO looks like an incomplete measurement. If they come now and then, bit 24 counts the "
-        "ticks without a cycle",
+        ". Unusable measurements add up only if they follow each other without a usable one "
+        "between: CAN may deliver a frame twice, and a doubled PDO looks like an incomplete "
+        "measurement. If single measurements are unusable, bit 24 adds up the ticks without a "
+        "cycle",
         _DEADLINE,
         remedy="see whether the plate node runs, and whether the computer or the bus is too busy",
         looks_at="time since the last answered measurement, in OPERATIONAL; measurements that "
@@ -258,8 +260,8 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
     Watchdog.AMPLITUDE: WatchdogRow(
         "the vibration is above its limit",
         FaultCode.AMPLITUDE, _MANUFACTURER, AMPLITUDE_CYCLES,
-        "the voltage is 0 V in each of these cycles; when a finger lifts, the amplitude overshoots "
-        "for fewer cycles",
+        "when a finger lifts, the amplitude overshoots, but for fewer cycles than this bound. "
+        "The voltage is 0 V in each cycle above the limit",
         Way.SLOWLY,
         limit="Limit.Amplitude trip",
         remedy="lower the set-point; if that is low, identify the plate again",
@@ -311,9 +313,10 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         f"the first one, or {STUCK_THERMOMETER_CYCLES} equal samples of the thermometer; see false "
         "alarms in Safety",
         Way.IN_A_ROW,
-        ": with noise a sound sensor repeats single samples, and a slow count would add them up. A "
-        f"sensor that is stuck for a shorter time has samples at most {STUCK_GAUGE_CYCLES - 1} ms "
-        f"old, the thermometer {STUCK_THERMOMETER_CYCLES - 1} ms",
+        ": an intact sensor sometimes repeats a sample, because of its noise, and a leaky bucket"
+        " would add up these repetitions. A sensor that is stuck for fewer samples than its "
+        f"bound is not detected. Its value is then at most {STUCK_GAUGE_CYCLES - 1} ms old, that "
+        f"of the thermometer at most {STUCK_THERMOMETER_CYCLES - 1} ms",
         remedy="check the sensors, their amplifiers and cables",
         looks_at="the counts of each sensor",
     ),
@@ -331,13 +334,13 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
     Watchdog.PICKUP: WatchdogRow(
         "the vibration does not follow from the voltage",
         FaultCode.PICKUP_IMPLAUSIBLE, _MANUFACTURER, LACK_CYCLES,
-        "too much vibration: 3 cycles, and 10 while the frequency oscillates. No vibration: "
-        "10 cycles, which are ten time constants. Less vibration than under any finger: 20 cycles, "
-        "until the force of a new finger is measured, too. With a plate node each number is larger "
-        "by the part of its deadline above 3 ms",
+        "too much vibration: 3 cycles, and 10 while the frequency oscillates. No vibration: 10 "
+        "cycles, which are ten time constants. Less vibration than any finger can cause: 20 "
+        "cycles. By then the force of a new finger is measured as well. With a plate node, the "
+        "deadline of the loop in ms minus 3 is added to each number",
         Way.SLOWLY,
-        ". Cycles without any vibration only count in a row, because the end of each pulse under a "
-        "finger may look like this",
+        ". Cycles without any vibration add up only if they follow each other without a gap, "
+        "because the end of each pulse with a finger on the plate may look like this",
         "Model",
         remedy="check the pick-up and the power stage; identify the plate again",
         looks_at="amplitude of the pick-up compared with drive, model and normal force; too little "
@@ -391,11 +394,11 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
         "another node sends with an identifier of this one or of its plate: two have one node-ID; "
         "clear 3 s after the last such frame",
         FaultCode.DOUBLE, _COMMUNICATION, 1,
-        "one frame is enough; a plate node reports such frames for its own identifiers. If it does "
-        "not, surplus measurements are counted in windows of twice the deadline in ms plus 2 "
-        "SYNCs. With a deadline of n ms, n surplus measurements in a window are a fault; n - 1 may "
-        "have been sent for SYNCs that this node has not received. The fault is present until no "
-        "such frame has come for 3 s",
+        "one frame is enough; a plate node reports such frames for its own identifiers. If the "
+        "plate node does not report them, the stimulator adds up surplus measurements in "
+        "windows. With a deadline of n ms, a window has 2 n + 2 SYNCs, and n surplus "
+        "measurements in a window are a fault. Fewer than n may have been sent for SYNCs that "
+        "this node has not received. The fault exists until no such frame has come for 3 s",
         Way.WINDOW,
         ". A surplus measurement is not answered, even if it is no fault",
         _DEADLINE,
@@ -407,9 +410,10 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
     Watchdog.UNSEEN: WatchdogRow(
         "late drives may make more vibration than their limit",
         FaultCode.UNSEEN, _MANUFACTURER, UNSEEN_CYCLES,
-        "drives in time are cut so that the bound stays within its limit, but if a drive is late, "
-        "the drive before it is in force for longer. With a plate node the number of cycles is "
-        "larger by the part of its deadline above 3 ms",
+        "the stimulator computes the largest vibration that its drives can cause, and reduces "
+        "each drive so that this vibration stays within Limit.Amplitude by drive. But if a drive"
+        " comes late, the drive before it acts for longer. With a plate node, the deadline of "
+        "the loop in ms minus 3 is added to the number of cycles",
         Way.SLOWLY,
         limit="Limit.Amplitude by drive",
         remedy="lower the set-point; see whether the computer or the bus is too busy",
@@ -442,12 +446,13 @@ WATCHDOGS: Final[dict[Watchdog, WatchdogRow]] = {
     Watchdog.NOT_ENABLED: WatchdogRow(
         "hardware does not enable the power stage, or is silent",
         FaultCode.NOT_ENABLED, _MANUFACTURER, 1,
-        "the plate reports 9010h if Enable becomes 0 while it drives, if the event timer of this "
-        "RPDO elapses, or if a voltage is commanded without Enable. With a front end it also does "
-        "so after 2 cycles in a row without a measurement in time, or after a wrong measurement",
+        "the plate reports 9010h in three cases: Enable becomes 0 while the plate drives, the "
+        "event timer of the RPDO with Enable elapses, or a voltage is commanded without Enable. "
+        "With a front end the plate also reports 9010h after 2 cycles in a row without a "
+        "measurement in time, or after a wrong measurement",
         Way.TIME_OUT,
-        ". Cycles of a front end without a measurement only count in a row; if they come now and "
-        "then, bit 24 counts the ticks without a cycle",
+        ". Cycles of a front end without a measurement add up only if they follow each other; if"
+        " they are single, bit 24 adds up the ticks without a cycle",
         "event timer of the plate's RPDO 2",
         remedy="check Enable, and that the hardware sends its PDOs",
         looks_at="emergency messages of the plate",

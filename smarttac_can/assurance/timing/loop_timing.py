@@ -89,8 +89,8 @@ DEADLINE_MIN_MS: Final = 3
 DEADLINE_MAX_MS: Final = 100
 _MARGIN: Final = 2
 DEADLINE_RULE: Final = (
-    "twice the longest time between two drives, rounded up to whole ms, "
-    f"{DEADLINE_MIN_MS} ms at least and none above {DEADLINE_MAX_MS} ms"
+    "twice the longest time between two drives, rounded up to whole ms, and at least "
+    f"{DEADLINE_MIN_MS} ms; if it is above {DEADLINE_MAX_MS} ms, there is no deadline"
 )
 _LAST_MEASUREMENT: Final = 3
 """Number of the TPDO of the plate that ends a measurement."""

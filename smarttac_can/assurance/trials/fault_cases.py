@@ -430,7 +430,10 @@ def _weak(
     )  # fmt: skip
 
 
-_TOO_LITTLE: Final = "too little vibration trips before the wrong phase has lasted for its bound"
+_TOO_LITTLE: Final = (
+    "the vibration is too small, and its watchdog has a shorter bound than the watchdog of the "
+    "phase"
+)
 
 
 def _detuned(per_mille: int, instead: Mapping[Mode, Watchdog]) -> FaultCase:
@@ -496,7 +499,10 @@ _LATERAL: Final = "without a finger a lateral force contradicts the other gauges
 _DIAGONAL: Final = (
     "0 N contradicts the other three normal gauges before it has lasted for 24 cycles"
 )
-_MOVED: Final = "the texture moves the vibration away from where the reading rests"
+_MOVED: Final = (
+    "the texture changes the vibration, but the reading of axis d stays constant, so the two "
+    "contradict each other"
+)
 _BESIDE: Final = (
     "off the resonance an identification still reads a vibration on axis q, so the equal samples "
     "of axis d trip first"
@@ -665,8 +671,8 @@ CASES: Final[tuple[FaultCase, ...]] = (
             FaultKind.STAGE_STUCK, 1, 14_000, breaks_stage=True, shows=_disobeys,
             instead={Mode.IDENTIFY: Watchdog.PICKUP},
             why="140 V instead of 16 V cause more vibration than is allowed in an identification, "
-            "so the stimulator commands 0 V. The simulated stuck stage obeys 0 V, so no later "
-            "drive shows that the stage is stuck"),
+            "so the stimulator commands 0 V. The simulated stage is stuck only at voltages above "
+            "0 V, and puts out 0 V if commanded, so no later drive shows that it is stuck"),
     FaultCase("hardware takes its enable away", AT_ONCE, Watchdog.NOT_ENABLED,
               hardware("enable", 0), hardware("enable", 1), prepare=connect_hardware),
     FaultCase("hardware falls silent", PDO_DEADLINE_MS, Watchdog.NOT_ENABLED,

@@ -43,7 +43,7 @@ def _supervises_less(present: int, value: int) -> bool:
 
 HIGHER: Final = Rule("a higher value", lambda present, value: value > present)
 LOWER: Final = Rule("a lower value", lambda present, value: value < present)
-LONGER: Final = Rule("a longer time, or 0 where there is one", _lasts_longer)
+LONGER: Final = Rule("a longer time, or 0 if the present time is not 0", _lasts_longer)
 ELSEWHERE: Final = Rule(
     "for an entry that supervises a node: a longer time, 0, or another node", _supervises_less
 )

@@ -205,7 +205,7 @@ class StageEvent(Enum):
 
     ZERO = "a drive of 0 V from a stimulator that is not in FAULT"
     LATCHED = "a drive of 0 V from a stimulator in FAULT"
-    VOLTAGE = "a drive with a voltage that counts"
+    VOLTAGE = "a drive with a voltage above 0 V that the plate accepts"
     SWITCH_OFF = "commanded to switch off"
     INHIBIT = "goes to 0 V by itself: see the watchdogs of the plate"
     START_RUN = "start run"
