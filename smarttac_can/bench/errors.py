@@ -11,7 +11,7 @@ from smarttac_can.canopen.master.errors import BenchError, RefusedError
 from smarttac_can.canopen.od.cia import Abort, AbortCode
 from smarttac_can.canopen.od.entry import Entry
 from smarttac_can.canopen.od.units import EXACT, Quantity
-from smarttac_can.vocabulary.faults import FaultKind, value_range
+from smarttac_can.vocabulary.faults import FaultKind, last_sensor, value_range
 from smarttac_can.vocabulary.meanings import FAULT_KIND
 
 _SHELL_WORDS: Final = {
@@ -117,5 +117,7 @@ def refused_write(
     if entry.name == FAULT_KIND and reason.code == AbortCode.VALUE:
         kind = FaultKind(round(raw))
         low, high = value_range(kind)
-        text += f": Fault.Value of {kind.name.lower()} is {low} to {high}"
+        most = last_sensor(kind)
+        text += f": {kind.name.lower()} is for a Fault.Sensor of 1 to {most}"
+        text += f" and a Fault.Value of {low} to {high}"
     return RefusedError(text, reason.code)

@@ -227,7 +227,7 @@ def _decoded(path: Path, head: bytes, encoding: str) -> str:
     except LookupError:
         raise ValueError(f"{path}: encoding {encoding!r} is unknown") from None
     if "\0" in text:
-        raise ValueError(f"{path}: is no text: it has zero bytes")
+        raise ValueError(f"{path}: is no text: it contains bytes of value 0")
     # The last line may be cut; it is complete in a short file.
     return text if len(head) < _HEAD_BYTES else text[: text.rfind("\n") + 1]
 

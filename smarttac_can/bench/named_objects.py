@@ -119,9 +119,13 @@ class NamedObjects:
             If the unit is of another kind.
         """
         entry = find_number(self._od, name)
-        if not isinstance(unit, str):
-            raise ValueError(f"{unit!r} is not a unit like {entry.unit.symbol or 1}")
-        return float(entry.unit.times(self._link.read(name), unit or entry.unit.symbol))
+        symbol = entry.unit.symbol if unit == "" else unit
+        try:
+            entry.unit.in_unit(symbol)
+        except (ValueError, AttributeError):
+            like = entry.unit.symbol or "%"
+            raise ValueError(f"{name} has no unit {said(unit)}: give one like {like}") from None
+        return float(entry.unit.times(self._link.read(name), symbol))
 
     def set(self, name: str, value: float | str) -> None:
         """Write an object by name; a value outside its limits is refused, not clipped.

@@ -88,6 +88,11 @@ _RANGES: Final = {
 _MOST: Final = 1_000_000
 
 
+def last_sensor(kind: FaultKind) -> int:
+    """Return the highest number of a sensor that a kind takes; only a gain is for both axes."""
+    return PICKUP if kind in (FaultKind.GAIN, FaultKind.NONE) else THERMOMETER
+
+
 def value_range(kind: FaultKind) -> tuple[int, int]:
     """Return the lowest and the highest valid value of a kind."""
     return _RANGES.get(kind, (-_MOST, _MOST))

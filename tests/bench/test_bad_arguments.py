@@ -72,8 +72,8 @@ SENSELESS: list[tuple[Act, str]] = [
         "^Setpoint.Voltage '80 N' is no number with a unit like mV$",
     ),
     (writes("Mode", "off"), "^Mode 'off' is no number or percentage$"),
-    (lambda bench: bench.get("Setpoint.Voltage", "N"), "^'N' is not a unit like mV$"),
-    (lambda bench: bench.get("Setpoint.Voltage", 5), "^5 is not a unit like mV$"),
+    (lambda bench: bench.get("Setpoint.Voltage", "N"), "^Setpoint.Voltage has no unit 'N': give"),
+    (lambda bench: bench.get("Setpoint.Voltage", 5), "^Setpoint.Voltage has no unit 5: give"),
     (puts("voltage", "20"), "^voltage '20' is no number with a unit like V$"),
     (puts("cof", ("30 %", "1 N")), "^cof right '1 N' is no number or percent"),
     # Not finite, or no number.
@@ -150,10 +150,14 @@ REFUSED: list[tuple[Act, str]] = [
     ),
     (writes("Setpoint.Voltage", -10), "abort 06090032: value written too low"),
     (writes("Limit.Lowest frequency", 44_500), "abort 06090030: invalid value for parameter"),
+    (
+        lambda bench: bench.set_all({"Fault.Sensor": 10, "Fault.Value": 0, "Fault.Kind": 1}),
+        "^cannot write 1 to Fault.Kind: .*: stuck is for a Fault.Sensor of 1 to 9 and a Fault.Value",
+    ),
     (writes("Statusword", 1), "abort 06010002: attempt to write a read only object"),
     (
         lambda bench: bench.finger.play_recording(),
-        r"abort 08000022: .*started without a recording, --finger FILE$",
+        r"abort 08000022: .*started without a recording: give simulate finger=, or the node --finger",
     ),
     (raw("Setpoint.Voltage", -1), "^Setpoint.Voltage -10 mV is below 0 mV: give 0 to 200000 mV"),
     (raw("Mode", 9), r"^Mode 9 is above 6: give 0 to 6 \(abort 06090031: value written too high"),

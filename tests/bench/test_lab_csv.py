@@ -185,7 +185,7 @@ def test_negative_compression_is_said_and_scaled(tmp_path: Path) -> None:
         ("x,mu\n1,0.3\n2,\n3,0.3\n", "2 rows with numbers are fewer than the 10 of a texture ove"),
         ("x,mu\n", "no row has all of x, mu"),
         ("PK\3\4", "is a spreadsheet, not a text: save it as CSV, or pass what pandas.read_excel"),
-        ("\0\1\0\0\5", "is no text: it has zero bytes"),
+        ("\0\1\0\0\5", "is no text: it contains bytes of value 0"),
     ],
 )
 def test_csv_that_is_not_clear_is_refused(text: str, reason: str, tmp_path: Path) -> None:

@@ -128,6 +128,7 @@ def test_no_bus_is_no_bus_called_none(
         monkeypatch.delenv(name, raising=False)
     line = refusal(*command.split())
     assert "no bus was named: give interface and channel, such as --interface socketcan" in line
+    assert "in Python interface='socketcan', channel='can0'" in line
     assert "None" not in line
 
 

@@ -11,7 +11,7 @@ takes nothing from time stamps that the frames do not say themselves:
   node shows that it did.
 * **A frame of another node waits** until a frame that the node has sent needs it. Frames of others
   are received in the order of the log, and before a SYNC of the node itself only if the node has
-  answered them before it.
+  answered them before it, or has sent 100 SYNCs since and owes no answer.
 * **A drive names its tick.** It answers the measurement of that tick. After a start the first drive
   tells which measurement the node received first; from then on each one has to be answered.
 * **A frame that a timer sends** has the values of a recent cycle. Which cycle, and when, is decided
@@ -244,14 +244,16 @@ class Replay:
             )
         if self._node is not None:
             self._end_life(self._node)
+        self._close()
         if not self._drives:
+            if self._parts and self._parts[-1].begun_s >= self._seconds(self._begun):
+                raise ValueError(f"no drive of node {node_id} could be judged: {self._parts[-1]}")
             raise ValueError(
                 f"no drive of node {node_id} after its boot-up message: a replay needs SYNC, the "
                 "measurements of the plate node, and the drives"
             )
         if self._before_sync is not None:
             raise self._before_sync
-        self._close()
         return self._so_far()
 
     def _so_far(self) -> Replayed:
@@ -407,6 +409,7 @@ class ReplayedNode:
         self._waiting: deque[Stamped] = deque()
         self._computed: dict[int, deque[Stamped]] = {}
         self._samples: dict[int, deque[Frame]] = {}
+        self._syncs: deque[int] = deque(maxlen=_LACKING_TICKS)
         self._drove = lockstep
         self._half_heard: int | None = None
         self._shutdown: list[Frame] | None = None
@@ -473,6 +476,7 @@ class ReplayedNode:
         Of the frames that it may have received before, as few as explain the frame are used.
         """
         if frame.can_id == self.sync_id and self._node.device.sync.produces:
+            self._hear_old(time)
             self._produce()
         self._last_sent = time
         if self._shutdown is not None and frame in self._shutdown:
@@ -554,6 +558,21 @@ class ReplayedNode:
         for _ in range(self._reach(frame)):
             if self._explains(frame):
                 break
+            one = self._waiting.popleft()
+            if not self._hear_unless_held(one):
+                held.append(one)
+        self._waiting.extendleft(reversed(held))
+
+    def _hear_old(self, time: int) -> None:
+        """Receive the frames that came before the last 100 SYNCs of the node itself.
+
+        Nothing that it sends may need them, such as the heartbeats of a plate that is not started.
+        """
+        self._syncs.append(time)
+        if len(self._syncs) < _LACKING_TICKS or self._owed() is not None:
+            return
+        held: list[Stamped] = []
+        while self._waiting and self._waiting[0][0] < self._syncs[0]:
             one = self._waiting.popleft()
             if not self._hear_unless_held(one):
                 held.append(one)

@@ -17,6 +17,7 @@ from smarttac_can.vocabulary.faults import (
     PICKUP_Q,
     THERMOMETER,
     FaultKind,
+    last_sensor,
     value_range,
 )
 from smarttac_can.vocabulary.signals import PICKUP_SATURATED, Measurement
@@ -38,8 +39,7 @@ class Fault(NamedTuple):
 
     def require_sense(self) -> None:
         """Raise ValueError if the sensor does not exist, or the value is invalid for the kind."""
-        both_axes = self.kind in (FaultKind.GAIN, FaultKind.NONE)
-        require("sensor", self.sensor, 1, PICKUP if both_axes else THERMOMETER)
+        require("sensor", self.sensor, 1, last_sensor(self.kind))
         require(self.kind.name.lower(), self.value, *value_range(self.kind))
 
 

@@ -328,6 +328,34 @@ def test_replay_hears_frames_queued_at_the_reset_after_boot_up() -> None:
         assert found.drives == len(places(log[reset:], DRIVE)) > 400
 
 
+def waiting_run() -> Log:
+    """By the clock, with 3 s of SYNCs and heartbeats of the plate before the start."""
+    log: Log = []
+    bus = LocalBus(log=lambda *frame: log.append(frame))
+    master = LocalMaster(bus, lambda frame: None)
+    bus.attach(PlateNode(plate_od(), deadline_ms=DEADLINE_MS), lockstep=False)
+    node = clocked_node()
+    bus.attach(node, lockstep=False)
+    bus.advance(600_000)
+    master.write(STIMULATOR_ID, node.od["Drive unwatched"], 1)
+    bus.advance(3_000_000)
+    _drive(bus.advance, master, node)
+    return log
+
+
+def test_replay_hears_heartbeats_while_only_sync_is_sent() -> None:
+    log = waiting_run()
+    found = replayed(log, lockstep=False)
+    assert not found.unjudged
+    assert found.drives == len(places(log, DRIVE)) > 400
+
+
+def test_a_log_without_judged_drives_says_why() -> None:
+    log = [item for item in waiting_run() if item[1].can_id != 0x700 + PLATE_ID or item[0] < 700_000]
+    with pytest.raises(ValueError, match="no drive of node 32 could be judged: .* only the clock"):
+        replayed(log, lockstep=False)
+
+
 def test_a_node_that_was_switched_off_and_on_begins_anew() -> None:
     log = friction_run()
     again = [(time + 10_000_000, frame) for time, frame in log]
