@@ -108,7 +108,7 @@ class SimulatedFinger:
         self._next_subject = 0
 
     def play_recording(self) -> None:
-        """Play the recorded finger with which the plate was started: ``finger=`` of `simulate`, or ``--finger FILE``.
+        """Play the recorded finger of the plate: ``finger=`` of `simulate`, or ``--finger FILE``.
 
         Raises
         ------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
@@ -57,15 +58,31 @@ def sharing(jobs: int) -> Iterator[Submit]:
 
 @contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """Block SIGINT, also in processes that are started meanwhile."""
+    """Hold SIGINT back until the end of the block, also in processes that are started meanwhile.
+
+    These inherit the mask. Here the mask alone is not enough: the signal may go to another thread,
+    such as one of numpy, and Python then calls the handler in this one.
+    """
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
+    came = False
+
+    def hold(*_: object) -> None:
+        nonlocal came
+        came = True
+
+    is_main = threading.current_thread() is threading.main_thread()
+    handler = signal.signal(signal.SIGINT, hold) if is_main else None
     before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT,))
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if is_main:
+            signal.signal(signal.SIGINT, handler)
+        if came:
+            signal.raise_signal(signal.SIGINT)
 
 
 def in_order(

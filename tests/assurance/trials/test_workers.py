@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,6 +12,8 @@ from pathlib import Path
 
 import pytest
 from nodes_on_a_bus import until
+
+from smarttac_can.assurance.trials import workers
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
 SOAK = ("soak", "--hours", "3")
@@ -88,6 +91,23 @@ def test_no_process_is_left(
     else:
         assert begun.returncode == 1
         assert errors.split() == ["Aborted!"]
+
+
+def test_interrupt_that_another_thread_gets_waits_until_the_end_of_the_block() -> None:
+    over = threading.Event()
+    other = threading.Thread(target=over.wait)  # takes the signal, as the threads of numpy do
+    other.start()
+    passed = False
+    try:
+        with pytest.raises(KeyboardInterrupt), workers._interrupts_held():
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.05)
+            passed = True
+    finally:
+        over.set()
+        other.join()
+    assert passed
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_a_process_that_is_killed_ends_the_work_in_one_line() -> None:
