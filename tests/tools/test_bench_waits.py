@@ -8,6 +8,8 @@ from typing import Any
 
 import pytest
 
+pytest.importorskip("resource", reason="of POSIX")
+
 from smarttac_can.cli import FAMILIES
 
 
@@ -35,7 +37,7 @@ def test_process_above_its_bound_is_named(
     assert said.err.splitlines()[-1] == "Error: busy is above its bound"
     rows = json.loads(said.out)
     assert set(rows) == {"idle", "busy"}
-    assert all(row["processor_s"] > 0 for row in rows.values())
+    assert rows["busy"]["processor_s"] > 0.001
 
 
 def test_process_that_fails_ends_it_by_its_last_line(tool: Any, tmp_path: Path) -> None:

@@ -82,15 +82,14 @@ def test_fmeda_page_shows_promise_runs_and_findings(page: ModuleType) -> None:
     (text,) = page.fmeda_page(MADE).values()
     lines = re.sub("<!--.*?-->", "", text).splitlines()
     for line in (
-        "Made by `tools/pages/make reference` from `tools/pages/fmeda.json`, which "
-        "`tools/pages/make fmeda --fine --healthy 500 --seed 9` has written.",
+        "`tools/pages/make fmeda --fine --healthy 500 --seed 9` wrote.",
         "- In any 10 s the true vibration is above its bound for at most 20 cycles (ms),",
         "- The true vibration is at most 9 um.",
         "| 2.5 | pi | 3.46 um, 5 | 2.90 um, 1 | 2.60 um, 0 |",
         "- with a share of 0.99 it is 3.30 um, after an identification with sound sensors;",
         "- with a share of 0.9 it is 3.63 um, otherwise.",
         "| coarse | 1 | 7 | 0 | 0123abcd |",
-        "- A fault for which the plate gave no cause ended 1 of them.",
+        "- A fault without a cause in the plate ended 1 of them.",
         "- A true vibration beyond a limit ended 11.",
         "- The drive was limited in 12.5 % of the cycles.",
         "| pick-up d: stuck with noise | 7 | 5 nothing, 2 STUCK | 123 | 3.46 | 4 |",

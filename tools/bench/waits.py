@@ -19,6 +19,7 @@ import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from resource import RUSAGE_CHILDREN, getrusage
 from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any, Final, NamedTuple
@@ -84,7 +85,7 @@ def waited(wait: Wait, cache: Path) -> tuple[float, float]:
     environment = os.environ | {"PYTHONPATH": str(ROOT), "NUMBA_CACHE_DIR": str(cache)}
     with TemporaryDirectory() as folder:
         Path(folder, "test_it.py").write_text(_FIXTURE, encoding="utf-8")
-        before, begun = os.times(), perf_counter()
+        before, begun = _used_s(), perf_counter()
         done = subprocess.run(
             [sys.executable, *wait.arguments],
             cwd=folder,
@@ -93,12 +94,17 @@ def waited(wait: Wait, cache: Path) -> tuple[float, float]:
             text=True,
             check=False,
         )
-        real, after = perf_counter() - begun, os.times()
+        real, used = perf_counter() - begun, _used_s() - before
     if done.returncode:
         said = (done.stderr.strip() or done.stdout.strip() or "it said nothing").splitlines()[-1]
         raise SystemExit(f"Error: {wait.name}: {said}")
-    used = after.children_user + after.children_system
-    return used - before.children_user - before.children_system, real
+    return used, real
+
+
+def _used_s() -> float:
+    """Return the processor time in s of all processes that were started and have ended."""
+    usage = getrusage(RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
 
 
 def measured(every: Sequence[Wait], repeats: int) -> dict[str, Any]:
