@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import threading
 from collections.abc import Container, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
@@ -9,6 +11,7 @@ from heapq import heappop, heappush
 from itertools import count
 from math import inf
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import monotonic, time
 from typing import Any, ClassVar, Final, Self
 
@@ -211,6 +214,31 @@ def raw_log(network: TappedNetwork, path: Path) -> Iterator[str]:
     if file.failures:
         first = file.failures[0]
         raise BenchError(f"{path} cannot be written: {_why(first)}") from first
+
+
+def require_raw(path: Path) -> None:
+    """Refuse a raw log that could not be made; called before a bus is opened.
+
+    Raises
+    ------
+    BenchError
+        If the file exists, its folder does not, or python-can does not have the format.
+    """
+    if os.path.lexists(path):
+        raise BenchError(f"{path} exists: give the raw log another name")
+    require_folder(path)
+    with TemporaryDirectory() as folder:
+        try:
+            can.Logger(Path(folder) / path.name).stop()
+        except Exception as error:  # formats raise errors of any type
+            raise BenchError(f"cannot log to {path}: {_why(error)}") from error
+
+
+def require_folder(path: Path) -> None:
+    """Raise BenchError if the folder of a file does not exist."""
+    if not path.absolute().parent.is_dir():
+        missing = FileNotFoundError(errno.ENOENT, "", str(path.absolute()))
+        raise BenchError(f"{path} cannot be made: {reason(missing)}")
 
 
 class _File:

@@ -120,7 +120,10 @@ class SimulatedFinger:
         except RefusedError as error:
             if error.code != AbortCode.STATE:
                 raise
-            text = f"{error}: the plate's node was started without a recording: give simulate finger=, or the node --finger FILE"
+            text = (
+                f"{error}: the plate's node was started without a recording: give simulate "
+                "finger=, or the node --finger FILE"
+            )
             raise RefusedError(text, error.code) from error
         self._next_subject = int(self._read("Simulation.Subject", ""))
 

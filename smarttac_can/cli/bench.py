@@ -44,6 +44,7 @@ from smarttac_can.cli.shared import (
     OLD_FILE,
     FiniteRange,
     StimulatorChoice,
+    WholeRange,
     closing_network,
     force_option,
     in_steps,
@@ -250,7 +251,7 @@ def watch(*, at: StimulatorChoice, drive: bool, no_sdo: bool) -> None:
 )
 @click.option(
     "--port",
-    type=click.IntRange(0, 65535),
+    type=WholeRange(0, 65535),
     default=8033,
     show_default=True,
     help="TCP port; 0 takes any free port.",

@@ -59,6 +59,7 @@ from smarttac_can.cli.shared import (
     PACKAGED,
     SECONDS,
     BusChoice,
+    WholeRange,
     bus_options,
     closing_network,
     force_option,
@@ -553,7 +554,7 @@ def _values(_ctx: click.Context, _param: click.Parameter, given: tuple[str, ...]
 @click.option("--node-id", type=NODE_ID, required=True, help="Node-ID of the device.")
 @click.option(
     "--bitrate",
-    type=click.IntRange(min=1),
+    type=WholeRange(min=1),
     required=True,
     help="Bit rate in bit/s.",
 )

@@ -43,6 +43,7 @@ from smarttac_can.assurance.trials.soak import (
 from smarttac_can.assurance.trials.workers import in_order
 from smarttac_can.cli.shared import (
     FiniteRange,
+    WholeRange,
     json_options,
     reporting,
     seed_option,
@@ -74,7 +75,7 @@ def _list_faults(ctx: click.Context, _param: click.Parameter, value: bool) -> No
 
 _jobs_option = click.option(
     "--jobs",
-    type=click.IntRange(min=1),
+    type=WholeRange(min=1),
     help="Processes that share the work.  [default: one for each processor]",
 )
 
@@ -123,7 +124,7 @@ def main(context: click.Context) -> None:
 )
 @click.option(
     "--hold",
-    type=click.IntRange(min=0),
+    type=WholeRange(min=0),
     default=HOLD_CYCLES,
     show_default=True,
     help="Cycles to stay at 0 V while the master sends at random.",
@@ -248,7 +249,7 @@ def _margins(margins: Table) -> Iterator[str]:
 
 
 @main.command(epilog=f"Example: {_SELF} attack --actions 100000 --seed 7 --json attack.json")
-@click.option("--actions", type=click.IntRange(min=1), required=True, help="Frames to send.")
+@click.option("--actions", type=WholeRange(min=1), required=True, help="Frames to send.")
 @seed_option("Seed of all that happens.")
 @json_options()
 def attack(actions: int, seed: int, json_file: Path | None) -> None:
@@ -310,12 +311,12 @@ def _cell(_ctx: click.Context, _param: click.Parameter, texts: tuple[str, ...]) 
 @click.option(
     "--random",
     "random_",
-    type=click.IntRange(min=1),
+    type=WholeRange(min=1),
     help="Run this number of random cells instead, drawn with --seed.",
 )
 @click.option(
     "--healthy",
-    type=click.IntRange(min=1),
+    type=WholeRange(min=1),
     help="Run this number of runs without a failure instead; none may end in a false alarm.",
 )
 @click.option(

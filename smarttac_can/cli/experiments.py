@@ -16,6 +16,7 @@ from smarttac_can.bench.simulation import LinkName
 from smarttac_can.bench.traces import Trace, read_csv
 from smarttac_can.cli.shared import (
     NEW_FILE,
+    WholeRange,
     force_option,
     json_options,
     law_option,
@@ -280,7 +281,7 @@ _FINGERS_MAX = 1_000_000
     "  smarttac campaign --fingers 10000 --case lifting --resume lifting.rows --output lifting"
 )
 @click.option(
-    "--fingers", type=click.IntRange(1, _FINGERS_MAX), required=True, help="How many fingers."
+    "--fingers", type=WholeRange(1, _FINGERS_MAX), required=True, help="How many fingers."
 )
 @seed_option("Seed of the fingers, their motion and the noise.")
 @law_option(
@@ -315,7 +316,7 @@ _FINGERS_MAX = 1_000_000
 )
 @click.option(
     "--workers",
-    type=click.IntRange(min=1),
+    type=WholeRange(min=1),
     help="Threads that share the work.  [default: one for each processor]",
 )
 @click.option(

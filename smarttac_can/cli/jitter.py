@@ -16,6 +16,7 @@ from smarttac_can.assurance.timing.loop_timing import CURVES, DEADLINE_RULE, SHO
 from smarttac_can.cli.shared import (
     NODE_ID,
     BusChoice,
+    WholeRange,
     bus_options,
     json_options,
     need_matplotlib,
@@ -51,13 +52,13 @@ _PROGRESS_S = 3.0
 )
 @click.option(
     "--realtime",
-    type=click.IntRange(1, 99),
+    type=WholeRange(1, 99),
     metavar="PRIORITY",
     help="Run the nodes with this SCHED_FIFO priority, 1..99.",
 )
 @click.option(
     "--seconds",
-    type=click.IntRange(1, _SECONDS_MAX),
+    type=WholeRange(1, _SECONDS_MAX),
     default=10,
     show_default=True,
     help="Length of the measurement in s.",

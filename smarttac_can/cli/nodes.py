@@ -32,6 +32,7 @@ from smarttac_can.cli.shared import (
     OLD_FILE,
     BusChoice,
     Command,
+    WholeRange,
     bus_options,
     load_own,
     naming,
@@ -270,7 +271,7 @@ def pace_options(command: Command) -> Command:
         lockstep_option,
         click.option(
             "--realtime",
-            type=click.IntRange(1, 99),
+            type=WholeRange(1, 99),
             metavar="PRIORITY",
             help="Run at this priority of SCHED_FIFO, 1..99, with the memory locked, processors"
             f" kept awake and deadlines of {SHORT_DEADLINE_MS} ms. Needs CAP_SYS_NICE, or rtprio in"
@@ -278,7 +279,7 @@ def pace_options(command: Command) -> Command:
         ),
         click.option(
             "--cpu",
-            type=click.IntRange(min=0),
+            type=WholeRange(min=0),
             metavar="N",
             help="Stay on this processor, with --realtime.",
         ),
@@ -392,7 +393,7 @@ def node_options(node_id: int) -> Callable[[Command], Command]:
         ),
         click.option(
             "--subject",
-            type=click.IntRange(1, 9),
+            type=WholeRange(1, 9),
             default=1,
             show_default=True,
             help="Number of the simulated finger: 1..5 presets, 6..9 fitted to Table I.",

@@ -11,6 +11,7 @@ from typing import Any, Final
 import click
 from click.core import ParameterSource
 
+from smarttac_can.bench.network import require_folder, require_raw
 from smarttac_can.bench.recording import Recording
 from smarttac_can.bench.recording_file import METADATA, Summary, make_recording, require_new
 from smarttac_can.bench.simulation import PLATE_ID, STIMULATOR_ID
@@ -24,6 +25,7 @@ from smarttac_can.cli.shared import (
     BusChoice,
     FiniteRange,
     StimulatorChoice,
+    WholeRange,
     json_options,
     one_line,
     refuse_own_files,
@@ -103,6 +105,9 @@ def record(
             )
             summary = make_recording(log, file)
         else:
+            require_folder(file)
+            if raw is not None:
+                require_raw(raw)
             with stop_on_signals() as stopped, at.connect(timeout=timeout) as bench:
                 recording = bench.record(
                     file, raw=raw, subject=subject or "", operator=operator or "", notes=notes or ""
@@ -205,7 +210,7 @@ _START_OPTIONS: Final = ("lockstep", "produce_sync", "plate_node", "deadline", "
 @click.option("--lockstep", is_flag=True, help="The stimulator ran with --lockstep.")
 @click.option(
     "--deadline",
-    type=click.IntRange(min=1, max=1000),
+    type=WholeRange(min=1, max=1000),
     metavar="MS",
     help="Deadline of the loop in ms, if it was not that of the EDS. In lockstep and with"
     f" --realtime it is {SHORT_DEADLINE_MS}.",

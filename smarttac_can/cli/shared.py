@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import re
 import sys
@@ -146,6 +147,18 @@ class FiniteRange(click.FloatRange):
         return number
 
 
+class WholeRange(click.IntRange):
+    """Range of integers, which says so when it refuses a text."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        """Return the integer; refuse what is none, or outside the range."""
+        try:
+            number = int(value)
+        except ValueError:
+            self.fail(f"{value!r} is no integer", param, ctx)
+        return int(super().convert(number, param, ctx))
+
+
 def _eds_path(value: str) -> Path:
     """Return the path of an EDS file, or of a packaged one by the name of its node."""
     path = Path(value)
@@ -164,7 +177,7 @@ EDS_FILE = click.types.FuncParamType(_eds_path)
 EDS_FILE.name = "EDS"
 OLD_FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 NEW_FILE = click.Path(dir_okay=False, path_type=Path)
-NODE_ID = click.IntRange(1, 127)
+NODE_ID = WholeRange(1, 127)
 SECONDS = FiniteRange(min=0.01, max=3600)
 _OWN_OPTIONS = ("interface", "channel", "bitrate")
 _INTEGER = re.compile(r"-?[0-9]+")
@@ -189,7 +202,7 @@ lockstep_option = click.option(
 def seed_option(text: str) -> Callable[[Command], Command]:
     """Return the option of the seed of random draws, with this help."""
     return click.option(
-        "--seed", type=click.IntRange(0, 2**32 - 1), default=1, show_default=True, help=text
+        "--seed", type=WholeRange(0, 2**32 - 1), default=1, show_default=True, help=text
     )
 
 
@@ -434,7 +447,7 @@ def bus_options(command: Command) -> Command:
     return with_options(
         click.option("--interface", help="python-can's interface, such as socketcan."),
         click.option("--channel", help="The interface's channel, such as can0."),
-        click.option("--bitrate", type=click.IntRange(min=1), help="Bit rate in bit/s."),
+        click.option("--bitrate", type=WholeRange(min=1), help="Bit rate in bit/s."),
         click.option(
             "--bus-option",
             "bus_options",
@@ -598,7 +611,11 @@ def reporting(json_file: Path | None, *others: type[Exception]) -> Iterator[Repo
 def _made(folder: Path) -> Iterator[None]:
     """Create a folder if it does not exist, and remove it after the block if it is empty."""
     new = not folder.exists()
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except FileNotFoundError:  # a file system that only its kernel fills
+        text = "no folder can be made there"
+        raise PermissionError(errno.EACCES, text, str(folder)) from None
     try:
         yield
     finally:

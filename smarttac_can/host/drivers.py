@@ -46,7 +46,8 @@ _NO_GROUP: Final = "name the group as the channel, such as --channel 239.74.163.
 """Without a channel, python-can uses an IPv6 group, to which many computers have no route."""
 _NO_BUS: Final = (
     "no bus was named: give interface and channel, such as --interface socketcan --channel can0 "
-    "(in Python interface='socketcan', channel='can0'), or set them in python-can's configuration (CAN_INTERFACE, CAN_CHANNEL, ~/.canrc)"
+    "(in Python interface='socketcan', channel='can0'), "
+    "or set them in python-can's configuration (CAN_INTERFACE, CAN_CHANNEL, ~/.canrc)"
 )
 _PORT_TAKEN: Final = (
     "UDP port {} is taken by another program, or by nodes of another user, which ss -ulnp shows: "

@@ -65,6 +65,8 @@ def surrounds(**options: Any) -> Act:
     return lambda bench: bench.finger.surroundings(**options)
 
 
+BY_ZERO = ("voltage", "amplitude", "boundary")
+"""Set-points that may be 0."""
 SENSELESS: list[tuple[Act, str]] = [
     # Another kind of unit, or none.
     (
@@ -104,6 +106,7 @@ SENSELESS: list[tuple[Act, str]] = [
     (puts("vibration_law", "lqr"), "^vibration law 'lqr' is none of pi, scheduled, pred"),
     # Values that would be rounded to nothing.
     (puts("voltage", "80 nV"), "^voltage 80 nV would become 0: it goes in steps of 10 mV"),
+    *((puts(name, 1e-9), f"^{name} 1e-09 .* would become 0") for name in BY_ZERO),
     (writes("Setpoint.Voltage", 4), "^Setpoint.Voltage 4 mV would become 0: it goes in steps of"),
     (puts("cof", (0.3, 1e-6)), r"^cof right 1e-06 is below 0\.05, its"),
     (puts("cof", "0.0001 %"), "^cof 0.0001 % is below 5 %, its lowest value$"),
@@ -152,12 +155,12 @@ REFUSED: list[tuple[Act, str]] = [
     (writes("Limit.Lowest frequency", 44_500), "abort 06090030: invalid value for parameter"),
     (
         lambda bench: bench.set_all({"Fault.Sensor": 10, "Fault.Value": 0, "Fault.Kind": 1}),
-        "^cannot write 1 to Fault.Kind: .*: stuck is for a Fault.Sensor of 1 to 9 and a Fault.Value",
+        "^cannot write 1 to Fault.Kind: .*: stuck is for a Fault.Sensor of 1 to 9 and a",
     ),
     (writes("Statusword", 1), "abort 06010002: attempt to write a read only object"),
     (
         lambda bench: bench.finger.play_recording(),
-        r"abort 08000022: .*started without a recording: give simulate finger=, or the node --finger",
+        r"abort 08000022: .*started without a recording: give simulate finger=, or the node",
     ),
     (raw("Setpoint.Voltage", -1), "^Setpoint.Voltage -10 mV is below 0 mV: give 0 to 200000 mV"),
     (raw("Mode", 9), r"^Mode 9 is above 6: give 0 to 6 \(abort 06090031: value written too high"),
@@ -382,3 +385,12 @@ def test_a_folder_that_is_not_there(write: Callable[[Path], object], tmp_path: P
     path = tmp_path / "no" / "x.csv"
     with pytest.raises(FileNotFoundError, match=r"[\\/]x\.(csv|png): the folder .*no does not ex"):
         write(path)
+
+
+@pytest.mark.parametrize("name", BY_ZERO)
+def test_rounding_error_of_a_loop_is_0(name: str) -> None:
+    error = np.arange(-38, 38, 0.1)[380]
+    assert error != 0
+    with Stimulator.simulate() as bench:
+        setattr(bench, name, abs(error))
+        assert getattr(bench, name) == 0

@@ -205,3 +205,39 @@ def test_no_message_of_the_bench_tells_a_shell_to_call_python() -> None:
     assert len(found) >= 8
     left = [text for text in found if _PYTHON.search(in_shell_words(text))]
     assert [text for text in left if not text.startswith(_OF_SCRIPTS)] == []
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        ("/nodir/x.h5", "/nodir/x.h5 cannot be made: the folder /nodir does not exist"),
+        (
+            "z.h5 --raw /nodir/z.log",
+            "/nodir/z.log cannot be made: the folder /nodir does not exist",
+        ),
+        ("z.h5 --raw z.xyz", "cannot log to z.xyz: "),
+        ("z.h5 --raw old.log", "old.log exists: give the raw log another name"),
+    ],
+)
+def test_record_refuses_its_files_before_a_bus(
+    command: str, said: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "old.log").touch()
+    bus = ("--interface", "virtual", "--channel", "nobody", "--timeout", "0.1")
+    assert said in refusal("record", *command.split(), *bus)
+    assert [path.name for path in tmp_path.iterdir()] == ["old.log"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="/proc is of Linux")
+def test_a_folder_that_cannot_be_made_is_no_missing_file() -> None:
+    line = refusal("campaign", "--fingers", "1", "--output", "/proc/nope")
+    assert "/proc/nope: no folder can be made there" in line
+
+
+@pytest.mark.parametrize(
+    "command", ["node --node-id abc", "campaign --fingers abc", "demo --seed abc"]
+)
+def test_a_text_is_no_integer(command: str) -> None:
+    line = refusal(*command.split(), code=2)
+    assert "'abc' is no integer" in line

@@ -354,7 +354,7 @@ def test_a_log_without_judged_drives_says_why() -> None:
     log = [
         item for item in waiting_run() if item[1].can_id != 0x700 + PLATE_ID or item[0] < 700_000
     ]
-    with pytest.raises(ValueError, match="no drive of node 32 could be judged: .* only the clock"):
+    with pytest.raises(ValueError, match=r"no drive of node 32 could be judged: .* only the clock"):
         replayed(log, lockstep=False)
 
 
