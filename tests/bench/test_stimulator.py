@@ -332,7 +332,8 @@ def test_tare_under_a_latched_force_fault_names_the_fault(bench: Stimulator) -> 
 def test_injected_fault_out_of_range_is_refused_with_its_range(link: LinkName) -> None:
     with Stimulator.simulate(link, plate_inside=True) as bench:
         bench.set("Fault.Value", 20_001)
-        with pytest.raises(RefusedError, match=r": Fault\.Value of gain is -10000 to 10000$"):
+        ranges = r"a Fault\.Sensor of 1 to 10 and a Fault\.Value of -10000 to 10000$"
+        with pytest.raises(RefusedError, match=rf": gain is for {ranges}"):
             bench.set("Fault.Kind", FaultKind.GAIN)
         with pytest.raises(RefusedError, match=r"^Fault\.Kind 13 is above 12: give 0 to 12 "):
             bench.set("Fault.Kind", 13)
