@@ -436,7 +436,7 @@ def test_a_wrong_token_is_told_from_none(browser: Tab) -> None:
     with served(SimulatedBench()) as url:
         browser.driver.get("about:blank")
         browser.driver.get(url.replace("secret", "older"))
-        browser.until(lambda: "The token in this address is not that of" in browser.text("alarm"))
+        browser.until(lambda: "The token in this address is wrong" in browser.text("alarm"))
         assert browser.text("state") == "no connection"
         browser.open(url.partition("#")[0])
         browser.until(lambda: "its address has no token" in browser.text("alarm"))
