@@ -343,8 +343,8 @@ def sensors(
     """Inject failures of a sensor in many modes and set-points, and check the bounds of the plate.
 
     The results show what ended the runs of each failure mode, and the largest true vibration of
-    the plate until then. A cell is one run of the sweep, with one
-    failure in one mode. A cell whose vibration exceeds the documented bounds is a violation.
+    the plate until then. A cell is one run of the sweep, with one failure in one mode. A cell whose
+    vibration exceeds the documented bounds is a violation.
     """
     if sum((random_ is not None, healthy is not None, bool(cells))) > 1:
         raise click.UsageError("--random, --healthy and --cell exclude each other")

@@ -137,6 +137,8 @@ Command = Callable[..., Any]
 class FiniteRange(click.FloatRange):
     """Range of finite floats: without nan, which passes click's comparisons, and inf."""
 
+    name = "number"
+
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
@@ -148,15 +150,9 @@ class FiniteRange(click.FloatRange):
 
 
 class WholeRange(click.IntRange):
-    """Range of integers, which says so when it refuses a text."""
+    """Range of integers, which calls a text no integer instead of no "integer range"."""
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
-        """Return the integer; refuse what is none, or outside the range."""
-        try:
-            number = int(value)
-        except ValueError:
-            self.fail(f"{value!r} is no integer", param, ctx)
-        return int(super().convert(number, param, ctx))
+    name = "integer"
 
 
 def _eds_path(value: str) -> Path:

@@ -240,4 +240,4 @@ def test_a_folder_that_cannot_be_made_is_no_missing_file() -> None:
 )
 def test_a_text_is_no_integer(command: str) -> None:
     line = refusal(*command.split(), code=2)
-    assert "'abc' is no integer" in line
+    assert "'abc' is not a valid integer" in line

@@ -406,7 +406,7 @@ def test_queued_frame_is_heard_before_its_deadline_is_judged() -> None:
     assert after[heard - 1] == ("late", after[heard][1]), "also after 30 were read"
 
 
-def test_frame_that_came_in_a_pause_after_a_wait_is_heard_before_its_deadline_is_judged() -> None:
+def test_frame_of_a_pause_after_a_wait_is_heard_before_its_deadline() -> None:
     requests = [(at, REQUESTED) for at in (0, 40_000, 89_500)]
     host = Host(requests, until=120_000, pauses=((89_000, 5000),))
     node = WatchingNode()

@@ -512,7 +512,10 @@ class PublishedValues:
                 self._extremes.take(name, (raw,))
                 if name == "Statusword":
                     self._limited = bool(raw & Status.LIMITED)
-            (self._in_limited.add if self._limited else self._in_limited.discard)(pdo.number)
+            if self._limited:
+                self._in_limited.add(pdo.number)
+            else:
+                self._in_limited.discard(pdo.number)
         else:
             self._ill.add(pdo.number)
         return True

@@ -93,7 +93,7 @@ def test_no_process_is_left(
         assert errors.split() == ["Aborted!"]
 
 
-def test_interrupt_that_another_thread_gets_waits_until_the_end_of_the_block() -> None:
+def test_interrupt_of_another_thread_waits_for_the_end_of_the_block() -> None:
     over = threading.Event()
     other = threading.Thread(target=over.wait)  # takes the signal, as the threads of numpy do
     other.start()

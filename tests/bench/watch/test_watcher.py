@@ -389,7 +389,7 @@ def test_limited_without_a_value_at_its_limit_names_no_cause() -> None:
     }
 
 
-def test_open_loop_is_cut_for_a_bare_plate_only_if_it_would_exceed_the_limit() -> None:
+def test_open_loop_is_cut_only_if_a_bare_plate_would_exceed_it() -> None:
     read = {name: OD[name].read() for name in READ_RARELY}
     seen = {"Statusword": LIMITED.data[0] | State.RUNNING << 8, "Mode display": Mode.OPEN_LOOP}
     said = [

@@ -53,12 +53,7 @@ def friction_run() -> Log:
 
 @functools.cache
 def _clocked_run(reset: bool) -> tuple[tuple[int, Frame], ...]:
-    log: Log = []
-    bus = LocalBus(log=lambda *frame: log.append(frame))
-    master = LocalMaster(bus, lambda frame: None)
-    bus.attach(PlateNode(plate_od(), deadline_ms=DEADLINE_MS), lockstep=False)
-    node = clocked_node()
-    bus.attach(node, lockstep=False)
+    log, bus, master, node = clocked_bus()
     _drive(bus.advance, master, node)
     _disarm(master, node)
     if reset:
@@ -328,14 +323,20 @@ def test_replay_hears_frames_queued_at_the_reset_after_boot_up() -> None:
         assert found.drives == len(places(log[reset:], DRIVE)) > 400
 
 
-def waiting_run() -> Log:
-    """By the clock, with 3 s of SYNCs and heartbeats of the plate before the start."""
+def clocked_bus() -> tuple[Log, LocalBus, LocalMaster, StimulatorNode]:
+    """A plate, and a stimulator that runs by the clock, with a master and the log of their bus."""
     log: Log = []
     bus = LocalBus(log=lambda *frame: log.append(frame))
     master = LocalMaster(bus, lambda frame: None)
     bus.attach(PlateNode(plate_od(), deadline_ms=DEADLINE_MS), lockstep=False)
     node = clocked_node()
     bus.attach(node, lockstep=False)
+    return log, bus, master, node
+
+
+def waiting_run() -> Log:
+    """By the clock, with 3 s of SYNCs and heartbeats of the plate before the start."""
+    log, bus, master, node = clocked_bus()
     bus.advance(600_000)
     master.write(STIMULATOR_ID, node.od["Drive unwatched"], 1)
     bus.advance(3_000_000)
@@ -664,12 +665,7 @@ def test_a_node_without_heartbeats_is_not_judged(seconds: float, silent: bool) -
 
 
 def test_a_shutdown_in_real_time_is_not_judged() -> None:
-    log: Log = []
-    bus = LocalBus(log=lambda *frame: log.append(frame))
-    master = LocalMaster(bus, lambda frame: None)
-    bus.attach(PlateNode(plate_od(), deadline_ms=DEADLINE_MS), lockstep=False)
-    node = clocked_node()
-    bus.attach(node, lockstep=False)
+    log, bus, master, node = clocked_bus()
     _drive(bus.advance, master, node)
     bus.shutdown()
     found = replayed(log, lockstep=False)
